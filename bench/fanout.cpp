@@ -2,6 +2,7 @@
 //
 //   --transport=websocket|dds
 //   --clients=2,10,50,200  --edits=1,16  --seconds=5  --flush-interval=0  --durability=sync|os
+//   --plain: without compact frames
 //
 // 4 writers make 60 transactions a second each. The server runs on its own core. The ceiling for
 // WebSockets is a bare Beast broadcaster. It sends the same number of bytes to the same number of
@@ -34,6 +35,7 @@ int main(int argc, char** argv) {
         const auto intervals = arguments.numbers("--flush-interval", {0});
         configuration.seconds = arguments.number("--seconds", 5);
         configuration.durability = arguments.text("--durability", "sync");
+        configuration.compact = !arguments.flag("--plain");
         arguments.finish();
         for (const int interval : intervals)
             for (const int edit : edits)

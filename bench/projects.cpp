@@ -106,7 +106,7 @@ nlohmann::ordered_json besideWriters(const Plan& plan, bool isOneProcess) {
     load.connections = load.writers = plan.writers;
     load.seconds = plan.seconds + 1;
     std::thread writers([&] {
-        UsdliveDialect dialect(plan.edits, kFields, setting.busyPath());
+        UsdliveDialect dialect(plan.edits, kFields, true, setting.busyPath());
         (void)runLoad(load, dialect, setting.busy().port(), setting.busy().process());
     });
     std::this_thread::sleep_for(std::chrono::seconds(1));

@@ -2,6 +2,7 @@
 //
 //   --durability=sync,os  --fields=1000,100000,1000000  --edits=1  --window=256  --clients=10
 //   --seconds=5
+//   --plain: without compact frames
 //
 // 4 writers write as fast as they are acknowledged, each with `window` unacknowledged transactions.
 // The ceiling is a bare Beast relay, which joins the messages of one turn of its event loop and
@@ -28,6 +29,7 @@ int main(int argc, char** argv) {
         configuration.edits = arguments.number("--edits", 1);
         configuration.window = arguments.number("--window", 256);
         configuration.seconds = arguments.number("--seconds", 5);
+        configuration.compact = !arguments.flag("--plain");
         arguments.finish();
         while (std::getline(durabilities, configuration.durability, ','))
             for (const int count : fields) {

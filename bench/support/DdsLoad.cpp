@@ -93,7 +93,7 @@ private:
             std::uint32_t size = 0;
             std::memcpy(&size, message.data() + at, sizeof size);
             std::vector<Dialect::Delivery> deliveries;
-            if (run_.dialect.read(ByteView(message).subspan(at + 4, size), deliveries))
+            if (run_.dialect.read(number_, ByteView(message).subspan(at + 4, size), deliveries))
                 ready_ = true;
             for (const auto& delivery : deliveries) note(delivery, now, size + 4);
             at += 4 + size;

@@ -59,7 +59,8 @@ LoadFigures measureServer(const FanoutConfiguration& configuration, const LoadPl
         options.push_back("--dds-domain=" + std::to_string(settings.domain));
     }
     ServerProcess server(folder, options, cores.server);
-    UsdliveDialect dialect(configuration.edits, configuration.fields);
+    UsdliveDialect dialect(configuration.edits, configuration.fields,
+                           configuration.compact && !dds);
     if (dds)
         return runDdsLoad(plan, dialect, settings, folder.filename().string(), server.process());
     return runLoad(plan, dialect, server.port(), server.process());

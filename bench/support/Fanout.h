@@ -15,6 +15,7 @@ struct FanoutConfiguration {
     int flushIntervalMs = 0;
     std::string durability = "sync";
     std::string transport = "websocket";  ///< or "dds", on loopback
+    bool compact = true;                  ///< with compact frames (FR9); not over DDS
 };
 /// Measures the real server, then its ceiling, and prints both as one JSON line.
 void measureFanout(const char* name, const FanoutConfiguration& configuration);

@@ -132,7 +132,8 @@ private:
             std::uint32_t size = 0;
             std::memcpy(&size, message.data() + at, sizeof size);
             deliveries_.clear();
-            if (run_.dialect.read(message.subspan(at + 4, size), deliveries_)) ++run_.ready;
+            if (run_.dialect.read(number_, message.subspan(at + 4, size), deliveries_))
+                ++run_.ready;
             for (const auto& delivery : deliveries_) onDelivery(delivery, now, size + 4);
             at += 4 + size;
         }
@@ -175,6 +176,7 @@ Bytes UsdliveDialect::greeting(int connection) {
     hello.client = {clientName(connection)};
     hello.user = {"bench"};
     hello.application = "bench";
+    if (compact_) hello.features = {kCompactFeature};
     Bytes message = encodeFrame(ControlFrame{encodeControl(hello)});
     if (connection == 0)
         append(message, encodeFrame(ControlFrame{encodeControl(OpenLayer{1, kLayer, 0})}));
@@ -193,10 +195,34 @@ Bytes UsdliveDialect::submission(int writer, std::uint64_t sequence) {
         SetField set{"default", {}, Value(ValueType::Double3, std::move(bytes)), ValueType::None};
         frame.transaction.edits.push_back({kLayer, {attributePath(next_), {}}, std::move(set)});
     }
-    return encodeFrame(frame);
+    if (!compact_) return encodeFrame(frame);
+    Names& names = names_[writer];
+    const auto compact = encodeCompact(frame.transaction, names.numbers).value();
+    Bytes message;
+    if (const SharedBytes introduction = names.sent.introduce(compact)) message = *introduction;
+    append(message, *compact.bytes);
+    return message;
 }
 
-bool UsdliveDialect::read(ByteView frame, std::vector<Delivery>& deliveries) {
+void UsdliveDialect::readCompact(int connection, ByteView frame,
+                                 std::vector<Delivery>& deliveries) {
+    const auto content = names_[connection].received.read(frame);
+    if (!content) throw std::runtime_error(content.error().message);
+    if (const auto* accepted = std::get_if<Acceptance>(&*content)) {
+        revision_ = std::max(revision_, accepted->revision);
+        deliveries.push_back({connection, accepted->sequence});
+    } else if (const auto* compact = std::get_if<CompactCommit>(&*content)) {
+        const Commit& commit = compact->commit;
+        revision_ = std::max(revision_, commit.revision);
+        deliveries.push_back({std::atoi(commit.id.client.value.c_str()), commit.id.sequence});
+    }
+}
+
+bool UsdliveDialect::read(int connection, ByteView frame, std::vector<Delivery>& deliveries) {
+    if (isCompact(frame)) {
+        readCompact(connection, frame, deliveries);
+        return false;
+    }
     // Frames of our own server need no verification; only the names are read.
     const auto* root = wire::GetFrame(frame.data());
     if (const auto* commit = root->body_as_Commit()) {
@@ -230,7 +256,7 @@ Bytes RelayDialect::submission(int writer, std::uint64_t sequence) {
     return message;
 }
 
-bool RelayDialect::read(ByteView frame, std::vector<Delivery>& deliveries) {
+bool RelayDialect::read(int /*connection*/, ByteView frame, std::vector<Delivery>& deliveries) {
     RelayHead head{};
     constexpr std::size_t kLength = sizeof head.length;
     std::memcpy(reinterpret_cast<char*>(&head) + kLength, frame.data(), sizeof head - kLength);

@@ -2,11 +2,13 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <string>
 #include <vector>
 
 #include "ChildProcess.h"
 #include "usdlive/common/core/Bytes.h"
+#include "usdlive/common/protocol/CompactFrame.h"
 
 namespace usdlive::bench {
 
@@ -27,25 +29,34 @@ public:
     };
     /// Adds the deliveries of a frame (without its length). Returns true when the connection
     /// becomes ready. Throws on an error or a refusal.
-    virtual bool read(ByteView frame, std::vector<Delivery>& deliveries) = 0;
+    virtual bool read(int connection, ByteView frame, std::vector<Delivery>& deliveries) = 0;
 };
 
 /// The real protocol: writers set `edits` double3 in a transaction, in turn over all `fields` of a
 /// layer from writeLayer(). Only the first connection opens the layer: commits are sent to all
-/// (SE1).
+/// (SE1). `compact`: with compact frames (FR9).
 class UsdliveDialect final : public Dialect {
 public:
-    UsdliveDialect(int edits, int fields, std::string path = "/live")
-        : edits_(edits), fields_(fields), path_(std::move(path)) {}
+    UsdliveDialect(int edits, int fields, bool compact, std::string path = "/live")
+        : edits_(edits), fields_(fields), compact_(compact), path_(std::move(path)) {}
     [[nodiscard]] std::string path() const override { return path_; }
     [[nodiscard]] Bytes greeting(int connection) override;
     [[nodiscard]] Bytes submission(int writer, std::uint64_t sequence) override;
-    bool read(ByteView frame, std::vector<Delivery>& deliveries) override;
+    bool read(int connection, ByteView frame, std::vector<Delivery>& deliveries) override;
 
 private:
+    void readCompact(int connection, ByteView frame, std::vector<Delivery>& deliveries);
+
     const int edits_;
     const int fields_;
+    const bool compact_;
     const std::string path_;
+    struct Names {
+        CompactReader received;
+        NameNumbers numbers;
+        KnownNames sent;
+    };
+    std::map<int, Names> names_;  // by connection
     bool greeted_ = false;        // the first connection has been greeted
     std::uint64_t revision_ = 0;  // the newest that any connection has received
     int next_ = 0;                // the next field to set
@@ -58,7 +69,7 @@ public:
     [[nodiscard]] std::string path() const override { return "/"; }
     [[nodiscard]] Bytes greeting(int) override { return {}; }
     [[nodiscard]] Bytes submission(int writer, std::uint64_t sequence) override;
-    bool read(ByteView frame, std::vector<Delivery>& deliveries) override;
+    bool read(int connection, ByteView frame, std::vector<Delivery>& deliveries) override;
 
 private:
     const std::size_t submissionBytes_;

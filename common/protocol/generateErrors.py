@@ -31,10 +31,10 @@ enum class ErrorCode : std::uint16_t {{
 """
 
 SOURCE = """// Generated from common/protocol/errors.json. Do not edit.
-#include "usdlive/common/core/ErrorCode.h"
-
 #include <array>
 #include <cstddef>
+
+#include "usdlive/common/core/ErrorPasses.h"
 
 namespace usdlive {{
 
@@ -43,13 +43,14 @@ namespace {{
 struct Row {{
     std::string_view name;
     std::string_view text;
+    bool passes;
 }};
 
 constexpr std::array<Row, {count}> kRows{{{{
 {rows}
 }}}};
 
-constexpr Row kUnknown{{"unknown", "an error of a newer version"}};
+constexpr Row kUnknown{{"unknown", "an error of a newer version", false}};
 
 const Row& row(ErrorCode code) {{
     const auto index = static_cast<std::size_t>(code);
@@ -61,6 +62,8 @@ const Row& row(ErrorCode code) {{
 std::string_view errorName(ErrorCode code) {{ return row(code).name; }}
 
 std::string_view errorText(ErrorCode code) {{ return row(code).text; }}
+
+bool errorPasses(ErrorCode code) {{ return row(code).passes; }}
 
 std::optional<ErrorCode> errorFromName(std::string_view name) {{
     for (std::size_t index = 0; index < kRows.size(); ++index)
@@ -81,6 +84,15 @@ class ErrorCode(enum.StrEnum):
     """The code of an error, as it is written on the wire: `ErrorCode.LAYER_NOT_FOUND == "layerNotFound"`."""
 
 {members}
+
+    @property
+    def passes(self):
+        """Whether the reason passes by itself, such as a full disk of the server. What was refused for it is kept, and is
+        sent again later."""
+        return self in _PASSING
+
+
+_PASSING = frozenset(({passing}))
 '''
 
 TYPESCRIPT = """// Generated from common/protocol/errors.json. Do not edit.
@@ -96,6 +108,11 @@ export type ErrorCode = keyof typeof errorTexts;
 export function isErrorCode(code: string): code is ErrorCode {{
   return Object.hasOwn(errorTexts, code);
 }}
+
+/** The errors whose reason passes by itself. What was refused for one of them is kept, and is sent again later. */
+export const passingErrors: ReadonlySet<string> = new Set<ErrorCode>([
+{passing}
+]);
 """
 
 
@@ -108,7 +125,7 @@ def read_errors(path):
     repeated = sorted({code for code in codes if codes.count(code) > 1})
     if repeated:
         raise SystemExit(f"{path}: repeated: {', '.join(repeated)}")
-    return [(code, error["text"]) for code, error in zip(codes, errors)]
+    return [(error["code"], error["text"], error.get("passes", False)) for error in errors]
 
 
 def literal(text):
@@ -116,22 +133,26 @@ def literal(text):
 
 
 def write(path, text):
+    """Writes a file unless it has this text: a change of one output does not compile again what includes another."""
     path = pathlib.Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text, encoding="utf-8")
+    if not path.exists() or path.read_text(encoding="utf-8") != text:
+        path.write_text(text, encoding="utf-8")
 
 
 def main(errors_path, header_path, source_path, python_path, typescript_path):
     errors = read_errors(pathlib.Path(errors_path))
-    enumerators = "\n".join(f"    {code[0].upper()}{code[1:]}," for code, _ in errors)
-    rows = "\n".join(f"    {{{literal(code)}, {literal(text)}}}," for code, text in errors)
+    enumerators = "\n".join(f"    {code[0].upper()}{code[1:]}," for code, *_ in errors)
+    rows = "\n".join(f"    {{{literal(code)}, {literal(text)}, {literal(passes)}}}," for code, text, passes in errors)
     write(header_path, HEADER.format(enumerators=enumerators))
     write(source_path, SOURCE.format(count=len(errors), rows=rows))
-    constants = [(re.sub("([A-Z])", r"_\1", code).upper(), code, text) for code, text in errors]
-    write(python_path, PYTHON.format(members="\n".join(
-        f"    {name} = {literal(code)}\n    {literal(text)}" for name, code, text in constants)))
+    constants = [(re.sub("([A-Z])", r"_\1", code).upper(), code, text, passes) for code, text, passes in errors]
+    write(python_path, PYTHON.format(
+        members="\n".join(f"    {name} = {literal(code)}\n    {literal(text)}" for name, code, text, _ in constants),
+        passing=", ".join(f"ErrorCode.{name}" for name, _, _, passes in constants if passes)))
     write(typescript_path, TYPESCRIPT.format(members="\n".join(
-        f"  {code}: {literal(text)}," for code, text in errors)))
+        f"  {code}: {literal(text)}," for code, text, _ in errors),
+        passing="\n".join(f"  {literal(code)}," for code, _, passes in errors if passes)))
 
 
 if __name__ == "__main__":

@@ -43,8 +43,10 @@ int main() {
     boost::asio::io_context network(1);
     Echo echo(network);
     NoLog log;
+    WebSocketOptions options;
+    options.maxHelloBytes = options.maxMessageBytes;  // there is no hello
     const auto sessions = createWebSocketTransport(
-        network, {}, echo, [](const std::function<void()>& job) { job(); }, log);
+        network, options, echo, [](const std::function<void()>& job) { job(); }, log);
     const auto server =
         createHttpServer(network, {}, [&](auto) -> HttpRoute { return sessions.get(); }, log);
     if (!server) {

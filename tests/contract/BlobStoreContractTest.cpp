@@ -152,15 +152,38 @@ TYPED_TEST(BlobStoreContract, B6ADroppedValueIsAbsentUntilItIsWrittenAgain) {
     EXPECT_EQ(this->blobs.read(hashes[0], 0, 1'000), someBytes(1'000, 0));
 }
 
-TYPED_TEST(BlobStoreContract, B6UnfinishedUploadsAreRemoved) {
+TYPED_TEST(BlobStoreContract, TL2AnUploadContinuesWhereItsWriterLeft) {
     const Bytes value = someBytes(1'000);
     const Hash hash = sha256(value);
     const ByteView all(value);
     EXPECT_EQ(this->blobs.write(hash, 1'000, 0, all.first(600), 1), false);
-    EXPECT_EQ(this->blobs.write(hash, 1'000, 0, all.first(600), 2), false);
+    EXPECT_EQ(codeOf(this->blobs.write(hash, 1'000, 600, all.subspan(600), 2)),
+              ErrorCode::BlobMismatch)
+        << "its writer is still there";
     this->blobs.forget(1);
-    EXPECT_EQ(codeOf(this->blobs.write(hash, 1'000, 600, all.subspan(600), 1)),
+    EXPECT_EQ(codeOf(this->blobs.write(hash, 1'000, 601, all.subspan(601), 2)),
+              ErrorCode::BlobMismatch)
+        << "a gap";
+    EXPECT_EQ(this->blobs.write(hash, 1'000, 0, all.first(600), 3), false);
+    this->blobs.forget(3);
+    // A client sends again what perhaps did not arrive.
+    EXPECT_EQ(this->blobs.write(hash, 1'000, 400, all.subspan(400, 100), 4), false);
+    EXPECT_EQ(this->blobs.write(hash, 1'000, 500, all.subspan(500, 200), 4), false);
+    EXPECT_EQ(this->blobs.write(hash, 1'000, 700, all.subspan(700), 4), true);
+    EXPECT_EQ(this->blobs.read(hash, 0, 2'000), value);
+}
+
+TYPED_TEST(BlobStoreContract, TL2WrongBytesOfAnotherWriterSpoilNothing) {
+    const Bytes value = someBytes(1'000), wrong = someBytes(600, 2);
+    const Hash hash = sha256(value);
+    const ByteView all(value);
+    EXPECT_EQ(this->blobs.write(hash, 1'000, 0, wrong, 1), false);
+    this->blobs.forget(1);
+    EXPECT_EQ(codeOf(this->blobs.write(hash, 1'000, 600, all.subspan(600), 2)),
               ErrorCode::BlobMismatch);
+    EXPECT_EQ(this->blobs.write(hash, 1'000, 0, wrong, 1), false);
+    this->blobs.forget(1);
+    EXPECT_EQ(this->blobs.write(hash, 1'000, 0, all.first(600), 2), false) << "begins anew";
     EXPECT_EQ(this->blobs.write(hash, 1'000, 600, all.subspan(600), 2), true);
 }
 
@@ -216,6 +239,60 @@ TEST(FileBlobStore, BoundsUnfinishedUploads) {
     EXPECT_EQ(std::distance(begin(files), end(files)), 4);
     const Bytes last = someBytes(10, 9);
     EXPECT_EQ((*store)->write(sha256(last), 10, 5, ByteView(last).subspan(5)), true);
+}
+
+std::ptrdiff_t unfinishedFiles(const test::TestFolder& folder) {
+    const auto files = std::filesystem::directory_iterator(folder.path / "unfinished");
+    return std::distance(begin(files), end(files));
+}
+
+// Begins values of 500 bytes, whose writers leave.
+void beginAndLeave(BlobStore& store, unsigned count) {
+    for (unsigned seed = 0; seed < count; ++seed) {
+        const Bytes value = someBytes(1'000, seed);
+        EXPECT_EQ(store.write(sha256(value), 1'000, 0, ByteView(value).first(500), seed), false);
+        store.forget(seed);
+    }
+}
+
+TEST(FileBlobStore, TL2BoundsWhatIsKeptOfWritersThatHaveLeft) {
+    test::TestFolder folder;
+    BlobStoreOptions bounded = options();
+    bounded.maxLeftBytes = 1'200;
+    const auto store = createFileBlobStore(folder.path, bounded);
+    beginAndLeave(**store, 4);
+    EXPECT_EQ(unfinishedFiles(folder), 2);
+    const Bytes last = someBytes(1'000, 3);
+    EXPECT_EQ((*store)->write(sha256(last), 1'000, 500, ByteView(last).subspan(500), 9), true);
+}
+
+TEST(FileBlobStore, TL2NothingIsKeptForLong) {
+    test::TestFolder folder;
+    BlobStoreOptions shortly = options();
+    shortly.keepLeft = std::chrono::milliseconds(0);
+    const auto store = createFileBlobStore(folder.path, shortly);
+    beginAndLeave(**store, 3);
+    EXPECT_EQ(unfinishedFiles(folder), 0);
+}
+
+// The store keeps four incomplete values.
+TEST(FileBlobStore, TL2ActiveUploadsGoBeforeThoseThatWereLeft) {
+    test::TestFolder folder;
+    const auto store = createFileBlobStore(folder.path, options());
+    const Bytes active = someBytes(1'000, 50);
+    EXPECT_EQ((*store)->write(sha256(active), 1'000, 0, ByteView(active).first(1), 50), false);
+    beginAndLeave(**store, 10);
+    EXPECT_EQ(unfinishedFiles(folder), 4);
+    EXPECT_EQ((*store)->write(sha256(active), 1'000, 1, ByteView(active).subspan(1), 50), true);
+}
+
+TEST(FileBlobStore, TL2AlmostFullDiskKeepsNothing) {
+    test::TestFolder folder;
+    BlobStoreOptions full = options();
+    full.minFreeBytes = std::filesystem::space(folder.path).available * 3 / 4;
+    const auto store = createFileBlobStore(folder.path, full);
+    beginAndLeave(**store, 3);
+    EXPECT_EQ(unfinishedFiles(folder), 0);
 }
 
 TEST(FileBlobStore, RefusesWhenTheDiskIsFull) {

@@ -81,6 +81,15 @@ std::vector<Revision> revisions(const CommitStore& store, Revision from, Revisio
     return all;
 }
 
+TYPED_TEST(CommitStoreContract, ID1HasAnIdentityOfItsOwnForEver) {
+    const StoreId identity = this->store->identity();
+    EXPECT_EQ(identity.value.size(), 32u);
+    TypeParam another;
+    EXPECT_NE(another.open()->identity(), identity);
+    this->reopen();
+    EXPECT_EQ(this->store->identity(), identity);
+}
+
 TYPED_TEST(CommitStoreContract, BeginsEmpty) {
     EXPECT_EQ(this->store->head().revision, 0u);
     EXPECT_EQ(this->store->head().hash, Hash());

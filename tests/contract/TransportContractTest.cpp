@@ -64,6 +64,7 @@ public:
         if (kind == Kind::WebSocket) {
             WebSocketOptions options;
             options.slowReaderBytes = slowReaderBytes;
+            options.maxHelloBytes = options.maxMessageBytes;  // there is no hello
             const auto sessions = createWebSocketTransport(io_, options, *this, background, log_);
             http_ = std::move(*createHttpServer(
                 io_, {}, [sessions](auto) -> HttpRoute { return sessions.get(); }, log_));
@@ -444,10 +445,11 @@ TEST_P(TransportContract, SourcesArriveCompleteBesideTheStream) {
     ASSERT_TRUE(inbox.open(*connection, world));
     constexpr int kParts = 100;
     world.call([&] {
-        world.transport().sendBeside(world.sessions[0], [part = 0]() mutable -> SharedBytes {
-            if (part == kParts) return nullptr;
-            return frame("part " + std::to_string(part++) + std::string(100'000, '.'));
-        });
+        world.transport().sendBeside(
+            world.sessions[0], [part = 0](std::size_t) mutable -> SharedBytes {
+                if (part == kParts) return nullptr;
+                return frame("part " + std::to_string(part++) + std::string(100'000, '.'));
+            });
         world.transport().send(world.sessions[0], frame("stream"));
     });
     ASSERT_TRUE(inbox.read(*connection, kParts + 1));

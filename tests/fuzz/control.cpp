@@ -24,6 +24,7 @@ std::vector<Bytes> fuzz::seeds() {
                    {"client"},
                    {"user"},
                    "app",
+                   {},
                    Hello::Resume{3, 7, hash},
                    {{{"a.usda"}}}},
              Welcome{1, {"history"}, "film", 3, 7, hash, true, {{layer}}, 1 << 26, 1 << 30},

@@ -65,6 +65,7 @@ class Server:
         self.process: subprocess.Popen | None = None
         self.program = [os.environ["USDLIVE_BIN"], "serve"]
         self.environment: dict[str, str] = {}  # in addition to the tests' own
+        self.min_free_mib = 1
 
     def start(self) -> "Server":
         self.launch()
@@ -81,7 +82,7 @@ class Server:
         self.port_file.unlink(missing_ok=True)
         self.process = subprocess.Popen(
             [*self.program, str(self.folder), "--port", str(self.port),
-             "--port-file", str(self.port_file), "--min-free-mib", "1", *self.options],
+             "--port-file", str(self.port_file), "--min-free-mib", str(self.min_free_mib), *self.options],
             env={**os.environ, **self.environment},
             stdout=subprocess.DEVNULL, stderr=self.log.open("ab"))
 

@@ -37,6 +37,17 @@ class Truth:
                             if p.is_file() and p.name not in PASSED_OVER and p.stat().st_size)
 
 
+def write_by_wire(server: Server) -> None:
+    """Several authors whose ids answers_of() can use: they have no secret (ID5)."""
+    for name in LAYERS:
+        with wire.Peer(server.url) as peer:
+            for number in range(1, 21):
+                peer.submit(number, name, wire.set_sample("/World.s", 1000 + number, wire.string(peer.client)))
+            kind, members = "", {}
+            while (kind, members.get("sequence")) != ("Commit", 20):
+                kind, members = peer.frame(20)
+
+
 def a_store(project, serve, editor) -> Truth:
     """Creates a store with tables, a log that is not in them yet, several epochs in this log, big values and
     snapshots."""
@@ -60,6 +71,7 @@ def a_store(project, serve, editor) -> Truth:
                 f"e = Usd.NamespaceEditor(stage); e.MovePrimAtPath('/World/P{life}_1', '/World/Q{life}')\n"
                 "assert e.ApplyEdits() and live.flush(20)\n")
             one.close()
+        write_by_wire(server)
         if life < 2:
             server.kill()
             server.start()
@@ -120,7 +132,9 @@ def log_of(server: Server, truth: Truth) -> str:
 
 def answers_of(server: Server, truth: Truth) -> str:
     """M9: the server knows the committed transactions of every author."""
-    last = {client: (sequence, revision) for revision, client, sequence, _ in truth.commits if client}
+    last = {client: (sequence, revision) for revision, client, sequence, _ in truth.commits
+            if client and not client.startswith("k")}
+    assert last
     for client, (sequence, revision) in last.items():
         with wire.Peer(server.url, client) as peer:
             peer.submit(sequence, "root.usda", wire.set_sample("/World.s", 9999, wire.string("twice")))

@@ -2,11 +2,14 @@
 when there is space again."""
 
 import secrets
+import subprocess
+import sys
 import time
 
 import pytest
+import usdlive
 import wire
-from conftest import cat
+from conftest import cat, connect, refused
 from pxr import Sdf
 
 MIB = 1024 * 1024
@@ -107,19 +110,18 @@ def test_d1_a_full_disk_refuses_edits_and_harms_no_reader(by, disk, serve, edito
         late = editor(server, "late", "root.usda")
         assert samples(late.text("root.usda")) == author.acknowledged
 
-        # An editor's work comes back to it (M12), and it shows the server's content.
-        lost = ada.run("stage.DefinePrim('/Lost'); assert live.flush(20)\n"
-                       "live.wait(lambda: any(type(e).__name__ == 'Lost' for e in happened), 10)\n"
-                       "result = [e.code for e in happened if type(e).__name__ == 'Lost']")
-        assert lost == ["storageFull"]
+        # An editor keeps its work, and is notified once (SE21).
+        told = ada.run("stage.DefinePrim('/First'); result = live.flush(2); stage.DefinePrim('/First/Second')\n"
+                       "result = [live.flush(1), live.pending, *(e.code for e in happened if"
+                       " type(e).__name__ in ('Lost', 'ServerError'))]")
+        assert told == [False, 2, "storageFull"]
         assert samples(ada.text("root.usda")) == author.acknowledged
-        assert "Lost" not in ada.text("root.usda")
 
         # When there is space again, editing continues without any action, on the same session.
         (disk / "other" if by == "others" else ballast).unlink()
         took = accepted_after(author, 5)
-        ada.run("stage.DefinePrim('/Kept'); assert live.flush(20)")
-        assert 'def "Kept"' in cat(server, "root.usda")
+        ada.run("assert live.flush(20)")
+        assert 'def "First"' in cat(server, "root.usda") and 'def "Second"' in cat(server, "root.usda")
     author.peer.close()
     text = cat(server, "root.usda")
     server.kill()
@@ -159,3 +161,102 @@ def test_d1_killed_on_a_full_disk(disk, serve):
     else:
         server.port = int(server.port_file.read_text())
     assert samples(cat(server, "root.usda")) == author.acknowledged
+
+
+FULL_MIB = 100_000_000  # with this least free space every disk is full
+NAMES = [f"/World/n{number}" for number in range(20)]
+
+
+def made(layer):
+    return [name for name in NAMES if layer.GetPrimAtPath(name)]
+
+
+def test_se21_work_made_offline_waits_for_space(project, serve):
+    """The disk is full exactly when an editor comes back: nothing leaves its stage, and all is sent when there is space."""
+    (project / "root.usda").write_text(ROOT)
+    server = serve(project)
+    with connect(server, "ada") as live:
+        layer = live.open_layer("root.usda")
+        happened = []
+        live.add_handler(happened.append)
+        server.kill()
+        for name in NAMES:
+            Sdf.CreatePrimInLayer(layer, name)
+            live.tick()
+        server.min_free_mib = FULL_MIB
+        server.start()
+        live.wait(lambda: any(getattr(event, "code", "") == "storageFull" for event in happened), 20)
+        assert not live.flush(1) and live.pending == len(NAMES)
+        assert [event.code for event in happened if type(event).__name__ in ("Lost", "ServerError")] == ["storageFull"]
+        server.stop()
+        server.min_free_mib = 1
+        server.start()
+        assert live.flush(20) and made(layer) == NAMES
+    assert cat(server, "root.usda").count("def ") + cat(server, "root.usda").count("over ") == 1 + len(NAMES)
+
+
+KILLED = """
+import os, sys, usdlive
+from pxr import Sdf
+live = usdlive.connect(sys.argv[1], user="ada")
+layer = live.open_layer("root.usda")
+print("ready", flush=True)
+input()
+for name in sys.argv[2:]:
+    Sdf.CreatePrimInLayer(layer, name)
+    live.tick()
+assert live.close(0)
+os._exit(9)
+"""
+
+
+def test_se21_a_full_disk_uses_up_no_journal(project, serve):
+    (project / "root.usda").write_text(ROOT)
+    server = serve(project)
+    editor = subprocess.Popen([sys.executable, "-c", KILLED, server.url, *NAMES], text=True,
+                              stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    assert editor.stdout.readline() == "ready\n"
+    server.kill()
+    editor.communicate("\n", timeout=30)
+    server.min_free_mib = FULL_MIB
+    server.start()
+    with connect(server, "ada") as live:
+        [work] = live.unsent_work()
+        with pytest.raises(usdlive.Error) as stopped:
+            work.send(timeout=1)
+        assert stopped.value.code == "storageFull" and work.about.file in str(stopped.value)
+        assert [one.about.transactions for one in live.unsent_work()] == [len(NAMES)]
+    assert "root.usda was not changed" in refused("lock", f"{server.url}/root.usda")  # the command does not wait
+    server.stop()
+    server.min_free_mib = 1
+    server.start()
+    with connect(server, "ada") as live:
+        sent = live.unsent_work()[0].send()
+        assert (sent.committed, sent.lost) == (len(NAMES), 0) and live.unsent_work() == []
+        assert made(live.open_layer("root.usda")) == NAMES
+
+
+def test_a_limit_of_file_sizes_is_a_full_disk(project, serve):
+    """The server lives, and everything acknowledged is there when files may grow again."""
+    (project / "root.usda").write_text(ROOT)
+    server = serve(project)
+    server.stop()
+    program = server.program
+    server.program = ["prlimit", "--fsize=3000000", "--", *program]
+    server.start()
+    with connect(server, "ada") as live:
+        layer = live.open_layer("root.usda")
+        attribute = layer.GetAttributeAtPath("/World.s")
+        acknowledged = 0
+        for number in range(60):
+            layer.SetTimeSample(attribute.path, number, secrets.token_hex(EDIT_BYTES))
+            if not live.flush(1):
+                break
+            acknowledged = number + 1
+        assert server.process.poll() is None, server.log.read_text()[-2000:]
+        server.kill()
+        server.program = program
+        server.start()
+        assert live.flush(20)
+        held = samples(cat(server, "root.usda"))
+        assert set(range(acknowledged)) <= set(held) and held == samples(layer.ExportToString())

@@ -141,7 +141,8 @@ def test_used_layers_become_live_also_later_ones(project, serve, editor):
     server = serve(project)
     ada, bo = editor(server, "ada", "root.usda"), editor(server, "bo", "root.usda")
     ada.run("stage.DefinePrim('/World/Seat').GetReferences().AddReference('./props/chair.usda')\n"
-            "stage.GetRootLayer().subLayerPaths.append('./sub.usda')")
+            "stage.GetRootLayer().subLayerPaths.append('./sub.usda')\n"
+            "live.tick()")
     for e in (ada, bo):
         e.run("assert live.wait(lambda: stage.GetPrimAtPath('/World/Seat') and "
               "stage.GetPrimAtPath('/World/Seat').GetTypeName() == 'Cube', 20)\n"

@@ -420,7 +420,7 @@ def test_a_save_of_an_editor_does_not_overwrite_what_somebody_else_wrote(serve, 
         assert "OfSomebodyElse" in (project / "shot.usda").read_text()
         assert ada.save("shot.usda", force=True).saved == ("shot.usda",)
         assert "OfSomebodyElse" not in (project / "shot.usda").read_text()
-    with pytest.raises(Tf.ErrorException, match="not allowed"):  # nobody would get it
+    with pytest.raises(Tf.ErrorException, match="not editable"):  # nobody would get it
         stage.GetAttributeAtPath("/A.n").Set(2)
         stage.GetRootLayer().Save()
 

@@ -48,12 +48,13 @@ def test_every_function_of_a_closed_connection_raises(server):
              lambda: live.layer_name(stage.GetRootLayer()), lambda: live.wait(lambda: False, 0.1),
              lambda: live.create_layer("new.usda"), lambda: live.upload("/tmp/a.png", "a.png"),
              lambda: live.request_upload("/tmp/a.png", "a.png"), live.skipped_files, lambda: live.gesture().__enter__(),
-             lambda: live.connected, lambda: live.revision, lambda: live.pending, lambda: live.id,
+             live.request_reload, lambda: live.revision, lambda: live.pending, lambda: live.id,
              lambda: live.cache_folder]
     for call in calls:
         with pytest.raises(usdlive.Error, match="was closed") as raised:
             call()
         assert raised.value.code == "notConnected"
+    assert not live.connected and live.closed
 
 
 def test_close_from_an_event_handler(server):
@@ -128,7 +129,7 @@ def in_thread(function) -> list[str]:
         try:
             function()
             said.append("done")
-        except usdlive.Error as error:
+        except (usdlive.Error, Tf.ErrorException) as error:
             said.append(str(error))
 
     thread = threading.Thread(target=work)
@@ -146,8 +147,10 @@ def test_calls_and_edits_from_another_thread(server):
             assert f"{name}()" in sentence and "another thread" in sentence
         lost = collected(live, events.Lost)
         layer.comment = "mine"
-        in_thread(lambda: setattr(layer.GetAttributeAtPath("/World.x"), "default", 5.0))
-        in_thread(lambda: Sdf.CreatePrimInLayer(layer, "/World/Theirs"))
+        for edit in (lambda: setattr(layer.GetAttributeAtPath("/World.x"), "default", 5.0),
+                     lambda: Sdf.CreatePrimInLayer(layer, "/World/Theirs")):
+            (sentence,) = in_thread(edit)
+            assert "another thread" in sentence and "shot.usda" in sentence
         assert live.flush()
         (one,) = lost
         assert "another thread" in one.message and {edit.path for edit in one.edits} == {"/World.x", "/World/Theirs"}

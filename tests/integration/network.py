@@ -66,6 +66,12 @@ class Namespace:
             raise Refused(f"no TAP device can be made: {opened[0]}")
         return opened[0]
 
+    def move(self, address: str) -> None:
+        """The device gets another address, as with a new lease."""
+        self._ip("addr", "del", f"{self.address}/24", "dev", INTERFACE)
+        self._ip("addr", "add", f"{address}/24", "dev", INTERFACE)
+        self.address = address
+
     def close(self) -> None:
         with contextlib.suppress(AttributeError):
             os.close(self.tap)

@@ -128,3 +128,23 @@ def test_n4_a_partition_that_heals(world):
     wait_until_equal(peers, written, 30)
     assert peers[1].run("result = [type(e).__name__ for e in happened].count('Disconnected')") >= 1
     assert peers[0].run("result = [type(e).__name__ for e in happened].count('Disconnected')") == 0
+
+
+def test_dd15_a_change_of_address(world, near_and_far):
+    """The far editor's machine gets another address while both edit: it comes back without help, and says why it was
+    away."""
+    _, peers = world
+    far = near_and_far[1]
+
+    def change():
+        time.sleep(1)
+        far.move("10.77.0.3")
+        time.sleep(1)
+
+    written = edit(peers, 3, change)
+    wait_until_equal(peers, written, 30)
+    dropped = peers[1].run("result = [e.message for e in happened if type(e).__name__ == 'Disconnected']")
+    assert dropped
+    if peers[1].run("import sys; result = sys.argv[1]").startswith("dds"):
+        assert "10.77.0.2" in dropped[0] and "10.77.0.3" in dropped[0], dropped
+    assert peers[0].run("result = [type(e).__name__ for e in happened].count('Disconnected')") == 0

@@ -61,7 +61,7 @@ def test_a_lock_is_enforced_and_notified(project, serve):
         assert attribute.default == 2.0 and not layers[bob].permissionToEdit
         kept = Usd.Stage.Open(layers[bob])
         bob.close_layer("shot.usda")
-        assert kept.GetRootLayer().permissionToEdit
+        assert not kept.GetRootLayer().permissionToEdit, "nobody would get an edit of a closed layer"
 
 
 def test_a_lock_leaves_the_permission_to_its_host_and_to_administrators(project, serve):
@@ -87,7 +87,6 @@ def test_a_lock_leaves_the_permission_to_its_host_and_to_administrators(project,
         with connect(server, "joe") as joe:
             stage = Usd.Stage.Open(joe.open_layer("shot.usda"))
             wait(lambda: not stage.GetRootLayer().permissionToEdit, joe)
-        assert stage.GetRootLayer().permissionToEdit
 
 
 def test_refusals_of_one_register_are_one_event_a_second(project, serve):
@@ -261,3 +260,37 @@ def test_somebody_is_followed(project, serve):
         bob.follow("ada", late.append)
         ada.close()
         wait(lambda: late[-1] is None, bob, timeout=4)
+
+
+def test_somebody_with_two_windows_is_followed_until_both_are_closed(project, serve):
+    (project / "shot.usda").write_text(ROOT)
+    server = serve(project)
+    with connect(server, "bob") as bob:
+        seen = []
+        bob.follow("ada", lambda presence: seen.append(presence and presence.selection))
+        one, two, three = windows = [connect(server, "ada") for _ in range(3)]
+
+        def show(window, path):
+            window.show_presence([path])
+            wait(lambda: seen and seen[-1] == (path,), *windows, bob)
+
+        for window, path in ((one, "/One"), (two, "/Two"), (three, "/Three"), (two, "/Two/A")):
+            show(window, path)
+        assert {presence.user for presence in bob.presences()} == {"ada"} and len(bob.presences()) == 3
+        one.open_layer("shot.usda")
+        two.open_layer("shot.usda")
+        one.close()
+        windows.remove(one)
+        wait(lambda: len(bob.presences()) == 2, *windows, bob)
+        assert seen[-1] == ("/Two/A",), "the window that closed was not the one that is followed"
+        two.hide_presence()
+        wait(lambda: len(bob.presences()) == 1, *windows, bob, timeout=4)
+        assert seen[-1] == ("/Three",)
+        assert bob.layer_states()["shot.usda"].editors == ("ada",), "a hidden window still has the layer open"
+        show(two, "/Two/B")
+        two.close()
+        windows.remove(two)
+        wait(lambda: seen[-1] == ("/Three",), *windows, bob, timeout=4)
+        three.close()
+        wait(lambda: seen[-1] is None, bob, timeout=4)
+        assert seen.count(None) == 1

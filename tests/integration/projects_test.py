@@ -75,6 +75,17 @@ def test_an_address_that_names_no_project_says_which_there_are(serve, tmp_path):
     assert [one["project"] for one in json.loads(run("ls", server.url, "--json"))] == ["alpha", "beta"]
 
 
+def test_a_browser_gets_a_page_that_says_how_to_connect(serve, tmp_path):
+    server = serve(make(tmp_path / "alpha"), str(make(tmp_path / "my beta")))
+    page = get(server, "/")
+    for url in (f"{server.url}/alpha", f"{server.url}/my%20beta"):
+        assert f"  {url}  ok, revision 0, sessions 0\n" in page
+    assert f"usdlive ls {server.url}/alpha" in page and f'connect("{server.url}/alpha"' in page
+    assert str(tmp_path) not in page, "where a folder is, is nobody's business"
+    only = serve(make(tmp_path / "gamma"))
+    assert f"  {only.url}  ok" in get(only, "/") and f"usdlive://127.0.0.1:{only.port}/LAYER.usda" in get(only, "/")
+
+
 def test_the_only_project_has_both_addresses(serve, tmp_path):
     server = serve(make(tmp_path / "alpha"))
     with connect(server, "ada") as ada, join(server, "alpha", "bob") as bob:

@@ -46,6 +46,17 @@ OPINIONS = {
     "property metadata": ("", "double v = 1 (\ncustomData = { int k = 1 }\ndoc = \"one\"\ninterpolation = \"vertex\")", "",
                           "double v (\ncustomData = { int l = 2 }\ndisplayName = \"V\")"),
     "list": ("prepend inactiveIds = [1, 2]", "", "append inactiveIds = [3]", ""),
+    "list added": ("add inactiveIds = [1, 2]", "", "add inactiveIds = [3, 1]", ""),
+    "list added to": ("prepend inactiveIds = [1, 2]", "", "add inactiveIds = [3]", ""),
+    "list after one added": ("add inactiveIds = [1, 2]", "", "append inactiveIds = [1, 3]", ""),
+    "list reordered": ("inactiveIds = [1, 2, 3]", "", "reorder inactiveIds = [3, 1]", ""),
+    "schemas added": ("add apiSchemas = [\"CollectionAPI:one\", \"GeomModelAPI\"]", "", "add apiSchemas = [\"SkelBindingAPI\"]", ""),
+    "schemas reordered": ("prepend apiSchemas = [\"CollectionAPI:one\", \"GeomModelAPI\"]", "",
+                          "reorder apiSchemas = [\"GeomModelAPI\", \"CollectionAPI:one\"]", ""),
+    "variants added": ("variants = { string m = \"x\" }\nadd variantSets = \"m\"",
+                       "variantSet \"m\" = {\n\"x\" {\ncustom int m = 1\n}\n}",
+                       "variants = { string n = \"y\" }\nadd variantSets = [\"n\", \"m\"]",
+                       "variantSet \"n\" = {\n\"y\" {\ncustom int n = 1\n}\n}"),
     "expression": ("", "pathExpression e = \"/Source//Child + %_\"", "", "pathExpression e = \"/Other %_\""),
     "uniform": ("", "uniform token v = \"x\"", "", "token v = \"y\""),
 }
@@ -93,6 +104,8 @@ BROKEN = {
     "relocated to nothing": ("relocates = { </A/Child>: <> }\n", "def \"A\" (references = @./a.usda@</Source>) {\n}\n"),
     "instance in itself": "def \"A\" (instanceable = true\nreferences = </B>) {\n}\ndef \"B\" {\n    def \"C\" (instanceable = true\n"
                           "references = </D>) {\n    }\n}\ndef \"D\" {\n    def \"E\" {\n    }\n}\n",
+    "legacy frames": ("startFrame = 1\nendFrame = 5\n", "def \"A\" {\n}\n"),
+    "a legacy frame and a time code": ("startFrame = 1\nendTimeCode = 5\n", "def \"A\" {\n}\n"),
     "fallback type": ("fallbackPrimTypes = { token[] Unheard = [\"AlsoUnheard\", \"Scope\"] }\n", "def Unheard \"A\" {\n}\n"),
 }
 

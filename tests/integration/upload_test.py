@@ -165,7 +165,8 @@ def test_a_file_that_changes_meanwhile_is_not_uploaded(served, local):
         assert ends[0].code == "invalidArgument" and "changed while it was read" in ends[0].message
         live.upload(file, "big.bin")
     assert (served.folder / "big.bin").stat().st_size == 64 * MIB + 4
-    assert temporary(served.folder) == []
+    # The part of the other content that has arrived can be continued (TL2).
+    assert [os.path.basename(os.path.dirname(one)) for one in temporary(served.folder)] in ([], ["unfinished"])
 
 
 def test_calls_at_the_wrong_place_are_errors(served, local):

@@ -20,15 +20,16 @@ COMMON_PLAIN = ["common/core", "common/layer", "common/protocol"]
 SERVER_EDGES = ["server/transport", "server/storage", "server/files"]
 ALLOWED = {
     **{area: COMMON_PLAIN for area in COMMON_PLAIN},
+    "common/transport": COMMON_PLAIN,
     "common/dds": COMMON_PLAIN,
     "common/usd": ["common/"],
     "server/project": COMMON_PLAIN,
     "server/storage": [*COMMON_PLAIN, "server/project"],
-    "server/transport": [*COMMON_PLAIN, "common/dds", "server/project"],
+    "server/transport": [*COMMON_PLAIN, "common/transport", "common/dds", "server/project"],
     "server/files": ["common/", "server/project"],
     "server/app": ["common/", "server/project", *SERVER_EDGES],
     "client/session": COMMON_PLAIN,
-    "client/transport": [*COMMON_PLAIN, "common/dds", "client/session"],
+    "client/transport": [*COMMON_PLAIN, "common/transport", "common/dds", "client/session"],
     "client/usd": ["common/", "client/session", "client/transport"],
     "client/cli": ["common/", "client/"],
     "client/python": ["common/", "client/"],

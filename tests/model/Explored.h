@@ -38,7 +38,8 @@ struct Input {
         DiskFull,
         DiskFails,  ///< `argument`: how many commits become durable all the same, without a report
         RollBack,   ///< the process dies and the newest durable commit is lost, too: the disk
-                    ///< reported it falsely
+                    ///< reported it falsely, or (`argument` 1) a copy of the store with a lower
+                    ///< epoch was put in its place
     };
     static constexpr std::uint32_t kMaxArgument = (1u << 20) - 1;
 
@@ -57,7 +58,7 @@ struct Input {
 /// An output of a machine.
 struct Output {
     std::uint8_t session = 0;
-    bool closes = false;  ///< the server ends the session; otherwise the output is a message:
+    bool closes = false;  ///< the machine ends the session; otherwise the output is a message:
     MessageId message = 0;
     bool operator==(const Output&) const = default;
 };

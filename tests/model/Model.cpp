@@ -56,7 +56,19 @@ std::vector<Action> Model::actions(const World& world) {
     std::vector<Action> actions;
     for (std::uint8_t client = 0; client < kClients; ++client) addActionsOf(actions, world, client);
     addActionsOfServer(actions, world);
+    // SE21: what was refused is tried again when nothing else happens; otherwise a run could try
+    // for ever while the store is opened again.
+    if (std::ranges::none_of(actions, &Action::isProgress))
+        for (std::uint8_t client = 0; client < kClients; ++client)
+            if (clients_[client].summary(world.clients[client]).holds &&
+                changes(world, client, Input::Tick))
+                actions.push_back({Action::Tick, client, 0});
     return actions;
+}
+
+bool Model::changes(const World& world, std::size_t client, Input::Kind kind) {
+    const auto& step = clients_[client].step(world.clients[client], {kind});
+    return step.next != world.clients[client] || !step.outputs.empty() || !step.fault.empty();
 }
 
 void Model::addActionsOf(std::vector<Action>& actions, const World& world, std::uint8_t client) {
@@ -64,10 +76,6 @@ void Model::addActionsOf(std::vector<Action>& actions, const World& world, std::
     const Bounds& most = scenario_.bounds;
     const auto add = [&](Action::Kind kind, std::size_t argument = 0) {
         actions.push_back({kind, client, std::uint16_t(argument)});
-    };
-    const auto changes = [&](Input::Kind kind) {
-        const auto& step = clients_[client].step(world.clients[client], {kind});
-        return step.next != world.clients[client] || !step.outputs.empty() || !step.fault.empty();
     };
     if (!line.toClient.empty()) add(Action::ToClient);
     if (scenario_.flaw == Flaw::Reorders && line.toClient.size() > 1) add(Action::ToClient, 1);
@@ -78,10 +86,10 @@ void Model::addActionsOf(std::vector<Action>& actions, const World& world, std::
     }
     if (line.state == Line::Dead) add(Action::ClientNotices);
     if (line.state == Line::Down) add(Action::Connect);
-    if (scenario_.ownTicks && changes(Input::Tick)) add(Action::Tick);
+    if (scenario_.ownTicks && changes(world, client, Input::Tick)) add(Action::Tick);
     if (clients_[client].summary(world.clients[client]).written <
             scenario_.scripts[client].size() &&
-        changes(Input::Write))
+        changes(world, client, Input::Write))
         add(Action::Write);
     if (world.spent.toggles[client] < most.toggles[client]) add(Action::Toggle);
     if (line.state == Line::Up && world.spent.breaks[client] < most.breaks[client])
@@ -104,7 +112,7 @@ void Model::addActionsOfServer(std::vector<Action>& actions, const World& world)
         for (std::size_t written = 0; written <= server.unsaved; ++written)
             add(Action::DiskFails, written);
     if (spent.rollBacks < most.rollBacks && server.history->hashes.size() > 2)
-        add(Action::RollBack);
+        for (std::size_t older = 0; older <= 1; ++older) add(Action::RollBack, older);
 }
 
 // ---- results of actions
@@ -180,7 +188,7 @@ void Model::act(World& world, Action action, Line line) {
         case Action::RollBack:
             ++world.spent.rollBacks;
             serverDied(world);
-            return stepServer(world, {Input::RollBack});
+            return stepServer(world, {Input::RollBack, 0, action.argument});
         case Action::DiskFull:
             ++world.spent.diskFulls;
             return stepServer(world, {Input::DiskFull});
@@ -207,11 +215,17 @@ void Model::stepClient(World& world, std::size_t client, Input input) {
     world.clients[client] = step.next;
     if (step.outputs.empty()) return;
     Line line = lineOf(world, client);
-    if (line.state != Line::Up) {
-        require(line.state == Line::Dead, "a session sends without a connection");
-        return;
+    require(line.state != Line::Down, "a session sends without a connection");
+    for (const Output& output : step.outputs) {
+        if (!output.closes) {
+            if (line.state == Line::Up) line.toServer.push_back(output.message);
+            continue;
+        }
+        if (line.state == Line::Up)
+            line.late.push_back({line.session, std::exchange(line.toServer, {})});
+        line.state = Line::Down;
+        line.toClient.clear();
     }
-    for (const Output& output : step.outputs) line.toServer.push_back(output.message);
     setLine(world, client, std::move(line));
 }
 
@@ -245,6 +259,8 @@ void Model::check(const World& world, bool quiet) const {
     for (std::size_t client = 0; client < kClients; ++client) {
         const ModelClient::Summary& summary = clients_[client].summary(world.clients[client]);
         if (!scenario_.losesHistory()) checkClient(summary, *server.history);
+        require((summary.authored & ~summary.pending & ~summary.lost & ~summary.acknowledged) == 0,
+                "an edit is neither pending nor acknowledged nor reported as lost (M12)");
         if (!quiet) continue;
         require(summary.online, "a client stays offline");
         require(summary.upToDate,
@@ -335,7 +351,10 @@ std::string Model::describe(const World& before, Action action) {
         case Action::DiskFails:
             return "the disk fails, with " + number + " commits durable and not reported";
         case Action::RollBack:
-            return "the server dies, and its disk has lost the newest commit";
+            return action.argument == 0
+                       ? "the server dies, and its disk has lost the newest commit"
+                       : "the server dies, and a copy without the newest commit is served with "
+                         "the same epoch";
     }
     return {};
 }

@@ -108,6 +108,7 @@ private:
     void stepServer(World& world, Input input);
     void serverDied(World& world);
     void act(World& world, Action action, Line line);
+    [[nodiscard]] bool changes(const World& world, std::size_t client, Input::Kind kind);
     void addActionsOf(std::vector<Action>& actions, const World& world, std::uint8_t client);
     void addActionsOfServer(std::vector<Action>& actions, const World& world) const;
     void checkClient(const ModelClient::Summary& client, const History& history) const;

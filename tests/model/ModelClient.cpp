@@ -5,6 +5,7 @@
 
 #include "SessionImpl.h"
 #include "simulation/SimClock.h"
+#include "usdlive/common/core/ErrorPasses.h"
 
 namespace usdlive::model {
 
@@ -24,10 +25,10 @@ static void digest(Digest& out, const Prognosis& part) {
     out(touched, names, complete, refused);
 }
 static void digest(Digest& out, const Pending& part) {
-    const auto& [transaction, authored, prognosis, blobs, sent, everSent, sentBytes, attempts,
-                 carried] = part;
-    out(transaction, authored, prognosis, blobs, sent, everSent, sent ? sentBytes : std::size_t(0),
-        attempts, carried);
+    const auto& [transaction, authored, prognosis, blobs, sent, everSent, changedSince, sentBytes,
+                 attempts, carried] = part;
+    out(transaction, authored, prognosis, blobs, sent, everSent, changedSince,
+        sent ? sentBytes : std::size_t(0), attempts, carried);
 }
 static void digest(Digest& out, const Prediction::Move& part) {
     const auto& [layer, from, to] = part;
@@ -57,6 +58,7 @@ static void digest(Digest& out, const Session::Impl::Frozen& part) { out(part.vi
 static void digest(Digest& out, const ReceivedCommit& part) {
     out(encodeFrame(CommitFrame{part.commit}), part.hashAfter);
 }
+static void digest(Digest& out, const Acceptance& part) { out(encodeAcceptance(part)); }
 static void digest(Digest& out, const RefusalFrame& part) { out(encodeFrame(part)); }
 static void digest(Digest& out, const PreviewFrame& part) { out(encodeFrame(part)); }
 static void digest(Digest& out, const ReceivedBlob& blob) {
@@ -91,8 +93,10 @@ static void digest(Digest& out, const Session::Impl& part) {
         part.linked_, part.inbox_, part.requests_.last_, part.hasHistory_, part.epoch_,
         part.commitEpoch_, part.hash_, part.confirmed_, part.log_, part.creations_, part.layers_,
         part.frozen_, part.prediction_, part.dirty_, part.resets_, part.missed_, part.logs_,
-        part.notResumed_.has_value(), part.forgotten_.has_value(), part.saidSince_,
-        part.unanswered_ ? part.unanswered_->since.revision : Revision(0),
+        part.diverged_, part.forgotten_.has_value(), part.held_.has_value(),
+        part.held_ && part.held_->tried, part.store_, part.other_.has_value(),
+        part.accepted_.has_value(), part.abandoned_ ? part.abandoned_->docs : LayerDocs{},
+        part.unanswered_ ? part.unanswered_->since : Revision(0),
         part.unanswered_ ? part.unanswered_->last : std::uint64_t(0));
 }
 
@@ -103,7 +107,7 @@ ModelClient::ModelClient(const Scenario& scenario, std::size_t number, Messages&
       session_({.client = {number == 0 ? "ada" : "bob"},
                 .user = {number == 0 ? "ada" : "bob"},
                 .application = "model",
-                .features = {"history", "log", "previews"},
+                .features = {"history", "log", "previews", "resends"},
                 .clockMs = [] { return 0.0; },
                 .checksPrediction = true},
                *this, *this) {
@@ -137,7 +141,7 @@ std::vector<Output> ModelClient::apply(Input input) {
 }
 
 void ModelClient::digest(Digest& out) const {
-    out(editor_, wanted_, written_, authored_, lost_, notified_);
+    out(editor_, wanted_, written_, authored_, lost_, acknowledged_, notified_, told_, leaving_);
     out(*session_.impl_);
 }
 
@@ -150,12 +154,14 @@ ModelClient::Summary ModelClient::summary() const {
             .upToDate = session_.pendingTransactions() == 0 &&
                         (!wanted_ || (confirmed && *confirmed == editor_)),
             .revision = session_.revision(),
+            .holds = session_.impl_->held_.has_value(),
             .hash = session_.impl_->hash_,
             .confirmed = confirmed ? sha256(asBytes(confirmed->dump())) : Hash{},
             .written = written_,
             .authored = authored_,
             .pending = pendingLabels(),
-            .lost = lost_};
+            .lost = lost_,
+            .acknowledged = acknowledged_};
 }
 
 Labels ModelClient::pendingLabels() const {
@@ -202,9 +208,34 @@ void ModelClient::toggle() {
 }
 
 void ModelClient::tick() {
-    session_.advance(1e9, 0);
+    constexpr std::int64_t kLaterMs = 10'000;  // so that no pause lasts beyond a tick
+    const LayerDoc* confirmed = session_.confirmed(kLayer);
+    if (session_.otherHistory() && !leaving_)
+        told_ = confirmed ? std::optional(*confirmed) : std::nullopt;
+    session_.advance(1e9, nowMs_ += kLaterMs);
     for (const Event& event : session_.takeEvents())
         std::visit([this](const auto& one) { on(one); }, event);
+    checkTold();
+    if (!session_.otherHistory() || !std::exchange(stopped_, false)) return;
+    // ID4: the person decides at once, so that a search does not connect for ever.
+    require(session_.joinOtherHistory().has_value(), "the other history cannot be joined");
+    session_.disconnected({ErrorCode::HistoryDiverged, "the session has stopped"});
+    outputs_.push_back({.closes = true});
+}
+
+// ID4: the joined history and the lost work together have everything of the one before.
+void ModelClient::checkTold() {
+    const auto regained = std::exchange(regained_, {});
+    if (!wanted_) told_.reset();
+    if (!leaving_ || (told_ && !std::exchange(left_, false))) return;
+    leaving_ = false;
+    if (!told_) return;
+    LayerDoc all = *session_.confirmed(kLayer);
+    for (const AuthoredEdit& edit : regained)
+        require(all.apply(edit.path, edit.action).has_value(),
+                "lost work of another history does not apply");
+    require(all.dump() == told_->dump(), "what the other history lacks is not lost work");
+    told_.reset();
 }
 
 // ---- events from the session
@@ -225,7 +256,12 @@ void ModelClient::apply(const LayerId&, const std::string& path, const EditActio
 
 void ModelClient::on(const event::Lost& event) {
     require(!event.work.edits.empty(), "lost work was reported without its edits");
+    require(!errorPasses(event.work.reason.code), "work is lost for a reason that passes");
     if (scenario_.flaw == Flaw::Hides) return;
+    if (event.work.sequence == 0 && event.work.reason.code == ErrorCode::HistoryDiverged) {
+        regained_ = event.work.edits;
+        return;
+    }
     for (const AuthoredEdit& edit : event.work.edits) {
         const auto label = labelOf(edit.action);
         if (!label) continue;
@@ -238,14 +274,25 @@ void ModelClient::on(const event::Committed& event) {
     require(notified_ == 0 || event.commit.revision == notified_ + 1,
             "the received commits have a gap");
     notified_ = event.commit.revision;
+    if (event.commit.id.client != session_.id()) return;
+    const auto add = [this](const EditAction& action) {
+        if (const auto label = labelOf(action)) acknowledged_ |= 1u << *label;
+    };
+    for (const Edit& edit : event.commit.edits) add(edit.action);
+    for (const DroppedEdit& dropped : event.commit.dropped) add(dropped.edit.action);
 }
 
 void ModelClient::on(const event::Connected& event) {
-    if (!event.resumed) notified_ = event.welcome.revision;
+    if (event.resumed) return told_.reset();
+    notified_ = event.welcome.revision;
+    leaving_ = event.leftHistory && told_.has_value();
 }
 
+void ModelClient::on(const event::Joined&) { left_ = leaving_; }
+
 void ModelClient::on(const event::ServerError& event) {
-    require(!event.message.closing,
+    stopped_ = event.message.closing && session_.otherHistory();
+    require(!event.message.closing || stopped_,
             "the session ends: " + event.message.code + " " + event.message.message);
     require(event.message.message.find("diverged and is fetched") == std::string::npos,
             event.message.message);

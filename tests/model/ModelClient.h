@@ -1,6 +1,7 @@
 // The client of the model.
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -17,10 +18,11 @@ public:
         bool online = false, joined = false, wanted = false, hasHistory = false;
         bool upToDate = false;  ///< nothing is pending, and the editor shows the confirmed layer
         Revision revision = 0;
-        Hash hash;       ///< the chain hash of the commit `revision`
-        Hash confirmed;  ///< the hash of the layer's content, when joined
+        bool holds = false;  ///< work that was refused for a reason that passes waits (SE21)
+        Hash hash;           ///< the chain hash of the commit `revision`
+        Hash confirmed;      ///< the hash of the layer's content, when joined
         std::size_t written = 0;
-        Labels authored = 0, pending = 0, lost = 0;
+        Labels authored = 0, pending = 0, lost = 0, acknowledged = 0;
     };
 
     ModelClient(const Scenario& scenario, std::size_t number, Messages& messages);
@@ -40,7 +42,9 @@ private:
     void write();
     void toggle();
     void tick();
+    void checkTold();
     void on(const client::event::Lost& event);
+    void on(const client::event::Joined& event);
     void on(const client::event::Committed& event);
     void on(const client::event::Connected& event);
     void on(const client::event::ServerError& event);
@@ -51,13 +55,18 @@ private:
 
     const Scenario& scenario_;
     const std::size_t number_;
+    std::int64_t nowMs_ = 0;
     Messages& messages_;
     std::vector<Output> outputs_;
 
     LayerDoc editor_;
     bool wanted_ = true;  // the layer is open
     std::size_t written_ = 0;
-    Labels authored_ = 0, lost_ = 0;
+    Labels authored_ = 0, lost_ = 0, acknowledged_ = 0;
+    // ID4: the confirmed layer of the history that the session has stopped in or is leaving.
+    std::optional<LayerDoc> told_;
+    std::vector<client::AuthoredEdit> regained_;
+    bool stopped_ = false, leaving_ = false, left_ = false;
     Revision notified_ = 0;  // the last commit that the editor was notified of
     std::optional<client::MessageReader> reader_;  // belongs to the current connection
     client::Session session_;

@@ -18,16 +18,17 @@ static void digest(Digest& out, const CheckingResume& part) {
 }
 static void digest(Digest& out, const Subject& part) { out(part.user, part.isAdministrator); }
 static void digest(Digest& out, const server::Session& part) {
-    const auto& [id, phase, client, subject, application, features, open, wasGreeted] = part;
-    // Features are the same for all.
+    const auto& [id, phase, client, subject, application, features, open, compact, wasGreeted] =
+        part;
+    // Features are the same for all; compact frames are not among them.
     out(id, phase, client, subject, open);
 }
 static void digest(Digest& out, const StoreCondition& part) { out(part.closed); }
 
 // The content of a line of history and its layers.
 static void digest(Digest& out, const OrderedCommit& part) {
-    const auto& [revision, broadcast, hash, id, user, gesture, edits, dropped, frameBytes, layers,
-                 layerData, blobs, imported, mark] = part;
+    const auto& [revision, broadcast, content, acceptance, hash, id, user, gesture, edits, dropped,
+                 frameBytes, layers, layerData, blobs, imported, mark] = part;
     out(revision, hash, id, gesture, layers, imported, mark);  // the others follow
 }
 static void digest(Digest& out, const NamespaceHistory& part) {
@@ -72,8 +73,8 @@ static void digest(Digest& out, const RecentCommits& part) {
     out(part.entries_.size(), part.entries_.empty() ? Revision(0) : part.entries_.front().revision);
 }
 static void digest(Digest& out, const Catchup::Stream& part) {
-    const auto& [id, client, conflates, readsParts, isClosing, state, greetedAt, position, isAhead,
-                 opened, logs, sending, answers] = part;
+    const auto& [id, client, conflates, readsParts, readsCompact, isClosing, state, greetedAt,
+                 position, isAhead, opened, submitted, names, logs, sending, answers] = part;
     // Nothing is so large that it goes in parts.
     out(isClosing, state, greetedAt, position, opened, logs, answers);
 }
@@ -100,8 +101,9 @@ static void digest(Digest& out, const QueuedTransaction& part) {
     out(transaction, bytes, lookedUp);
 }
 static void digest(Digest& out, const Submissions::Queue& part) {
-    const auto& [transactions, bytes] = part;
-    out(transactions, bytes);
+    const auto& [transactions, bytes, held] = part;
+    out(transactions, bytes, held ? held->sequences : std::set<std::uint64_t>(),
+        held ? held->reason : Error{});
 }
 static void digest(Digest& out, const LostSubmission& part) {
     const auto& [revision, sequence, session] = part;
@@ -110,7 +112,9 @@ static void digest(Digest& out, const LostSubmission& part) {
 static void digest(Digest& out, const Submissions& part) {
     // A session that has submitted nothing is like one whose transactions are all ordered.
     std::map<SessionId, Submissions::Queue> queues = part.queues_;
-    std::erase_if(queues, [](const auto& one) { return one.second.transactions.empty(); });
+    std::erase_if(queues, [](const auto& one) {
+        return one.second.transactions.empty() && !one.second.held;
+    });
     out(queues, part.inFlight_);
 }
 
@@ -204,6 +208,7 @@ public:
     bool congested(SessionId) override { return false; }
     bool lags(SessionId) override { return false; }
     std::int64_t wallClockMs() override { return 0; }
+    std::int64_t steadyMs() override { return 0; }
     void keepSnapshot(const LayerId&, LayerDoc, Revision, const Hash&) override {}
     void record(const ActivityEvent&) override {}  // the project's log entries are not tested
 
@@ -313,7 +318,7 @@ std::vector<Output> ModelServer::apply(Input input) {
             diskFails(input.argument);
             break;
         case Input::RollBack:
-            disk().rollBack(store().head().revision - 1);
+            disk().rollBack(store().head().revision - 1, input.argument != 0);
             start();
             break;
         default:

@@ -131,7 +131,8 @@ const std::vector<Scenario>& scenarios() {
         {.name = "closing",
          .scripts = {{{sets({"/P.x"}), sets({"/P.x"})}, {sets({"/P.x"})}}},
          .bounds = {.breaks = {1, 0}, .toggles = {2, 0}}},
-        // A disk that reported a sync falsely: the history that clients have seen is lost (SE2).
+        // A disk that reported a sync falsely, or an older copy of it: the history that clients
+        // have seen is lost (ID2, ID4).
         {.name = "diverged",
          .scripts = {{{sets({"/P.x"}), moves("/P", "R")}, {sets({"/R.x", "/P.x"})}}},
          .bounds = {.rollBacks = 1}},

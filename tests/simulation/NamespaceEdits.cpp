@@ -212,12 +212,20 @@ void NamespaceEdits::lost(const client::LostWork& work) {
 }
 
 void NamespaceEdits::committed(const Commit& commit) {
-    for (const Edit& edit : commit.edits) setEnd(edit.action, End::Committed);
+    for (const Edit& edit : commit.edits) {
+        setEnd(edit.action, End::Committed);
+        const auto* set = std::get_if<SetField>(&edit.action);
+        if (set && set->field == kPrimKeys) madePrims_.merge(keysIn(&set->value));
+    }
 }
 
 void NamespaceEdits::setEnd(const EditAction& action, End end) {
-    if (const auto key = keyOf(action, kPrimKeys); key && writes_.contains(*key))
-        writes_.at(*key).end = end;
+    if (const auto key = keyOf(action, kPrimKeys); key && writes_.contains(*key)) {
+        Write& write = writes_.at(*key);
+        write.end = end;
+        write.wasBeforePrim = end == End::Dropped && isOwn(write.prim, lastValue_) &&
+                              !madePrims_.contains(write.prim);
+    }
     if (const auto key = keyOf(action, kLayerKeys); key && moves_.contains(*key))
         moves_.at(*key).end = end;
 }
@@ -242,7 +250,8 @@ void NamespaceEdits::check(const Docs& layers, bool carriesAddresses, SimReport&
             require(prim != keys.end() && prim->second == holder->second,
                     what + " has arrived at another prim: " + holder->second + " (M3)");
             report.carried += holder->second != write.path;
-        } else if (carriesAddresses && write.end != End::Refused && write.end != End::Uncertain) {
+        } else if (carriesAddresses && write.end != End::Refused && write.end != End::Uncertain &&
+                   !write.wasBeforePrim) {
             require(prim == keys.end(), what + " is not there, but its prim is: " +
                                             (prim == keys.end() ? "" : prim->second) + " (M3, M4)");
         }

@@ -54,6 +54,9 @@ private:
         std::string path;  // at the time of the write
         std::string prim;  // key of the prim
         End end = End::Pending;
+        // The write was dropped before its prim was committed: the refusal of the transaction that
+        // creates the prim did not arrive, and that one was sent again and accepted.
+        bool wasBeforePrim = false;
     };
     struct Move {
         std::set<LayerId> layers;
@@ -78,6 +81,7 @@ private:
     std::uint64_t& lastValue_;
     std::map<std::string, Write> writes_;  // by key
     std::map<std::string, Move> moves_;    // by key
+    std::set<std::string> madePrims_;      // keys of own prims that are committed
 };
 
 }  // namespace usdlive::simulation

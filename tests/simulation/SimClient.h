@@ -65,9 +65,14 @@ public:
     std::uint64_t uncertainEdits = 0;  ///< a base replaced their commits before it received them
     std::uint64_t transactions = 0;
     std::uint64_t commitsSeen = 0;
-    std::uint64_t commitsTogether = 0;
+    std::uint64_t commitsAccepted = 0, commitsTogether = 0;
     std::uint64_t connections = 0, rejoins = 0;
     std::uint64_t previewedBlobs = 0;  ///< requested for a preview
+
+    /// The identity of the store for which each transaction was made (ID3).
+    std::map<std::uint64_t, StoreId> madeFor;
+    std::uint64_t joinsOfOther = 0;  ///< decisions to join another history
+    std::uint64_t regained = 0;      ///< edits that another history lacks (ID4)
 
     /// Transactions that were returned because the server does not know whether it has committed
     /// them (M14).
@@ -83,9 +88,12 @@ public:
 
     // SessionHost
     void send(SharedBytes frames) override;
-    [[nodiscard]] bool takesMore() override { return !style_.inParts || ++asked_ % 3 != 0; }
+    [[nodiscard]] std::size_t bulkBytes() override {
+        return style_.inParts && ++asked_ % 3 == 0 ? 0 : kChunkBytes;
+    }
     SharedBytes localBlob(const Hash& hash) override;
     void blobArrived(const Hash& hash, SharedBytes bytes, bool) override;
+    void pending(const client::PendingWork& work) override;
     [[nodiscard]] bool needsBlob(const Hash& hash) override;
     // LayerView
     void reset(const LayerId& layer, const LayerDoc& doc) override;
@@ -93,7 +101,9 @@ public:
 
 private:
     void connect();
+    void receive(ByteView message);
     void connectLater();
+    [[nodiscard]] std::size_t unconfirmed() const;
     void tick();
     void editSomething();
     void makeRequests();
@@ -110,6 +120,7 @@ private:
     void requestEnded(std::uint64_t number);
     void on(const client::event::Committed& event);
     void on(const client::event::Connected& event);
+    void on(const client::event::Joined& event);
     void on(const client::event::Lost& event);
     void on(const client::event::CheckpointMade& event);
     void on(const client::event::CheckpointsListed& event);
@@ -117,6 +128,11 @@ private:
     void on(const client::event::JoinFailed& event);
     void on(const client::event::LayerMade& event);
     void on(const auto&) {}
+    void noteTold();
+    void checkTold();
+    [[nodiscard]] std::string differenceFromTold(
+        const std::vector<client::AuthoredEdit>& regained) const;
+    void checkAnswered() const;
     void compareEditor() const;
     void need(const Hash& hash);
     client::Session::Options options();
@@ -142,7 +158,13 @@ private:
     server::SessionId link_ = 0;  // 0: no connection
     bool settling_ = false;
     Revision lastSeen_ = 0;
-    std::set<std::uint64_t> acknowledged_;         // own transactions
+    std::set<std::uint64_t> acknowledged_;  // own transactions
+    std::set<std::uint64_t> lost_;          // own transactions
+    // ID4: the confirmed layers of the history that it has stopped in or is leaving.
+    LayerDocs told_;
+    Revision toldRevision_ = 0;
+    std::vector<client::AuthoredEdit> regained_;
+    bool leaving_ = false, hasAll_ = false, left_ = false, deciding_ = false;
     std::optional<client::MessageReader> reader_;  // belongs to the current connection
     client::Session session_;
 };

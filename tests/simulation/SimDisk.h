@@ -27,7 +27,7 @@ public:
           reportsSpace(other.reportsSpace),
           failed(other.failed),
           commits_(other.commits_) {
-        writeAnew(*other.store_);
+        writeAnew(*other.store_, other.store_->head().epoch);
     }
 
     /// Opens the disk for a new server process.
@@ -45,20 +45,45 @@ public:
         return done;
     }
 
-    /// Forgets the newest commits, like a disk that reported a sync falsely. Open it again
-    /// afterwards.
-    void rollBack(Revision to) {
+    /// Forgets the newest commits, like a disk that reported a sync falsely, or (`older`) like a
+    /// copy that was made before its last opening. Open it again afterwards.
+    void rollBack(Revision to, bool older = false) {
         commits_.resize(std::min<std::size_t>(commits_.size(), to));
         forgot = true;
-        writeAnew(*std::exchange(store_, nullptr));
+        const auto before = std::exchange(store_, nullptr);
+        writeAnew(*before, before->head().epoch - (older ? 1 : 0));
+    }
+
+    /// The history on a disk.
+    struct History {
+        std::shared_ptr<server::MemoryDisk> disk =
+            server::createMemoryDisk(StoreId(std::string(32, 'b')));
+        std::vector<server::CommitRecord> commits;
+    };
+    /// Returns a copy of the history, as a backup of the stopped server has it. It has the same
+    /// identity, and the same epoch or (`older`) an earlier one. Big values are not copied.
+    [[nodiscard]] History copy(bool older) const {
+        SimDisk copied(*this);
+        if (older) {
+            const auto before = std::exchange(copied.store_, nullptr);
+            copied.writeAnew(*before, 0);
+        }
+        return {std::move(copied.disk_), std::move(copied.commits_)};
+    }
+    /// Replaces the history, and returns the one before. Open the disk again afterwards.
+    History put(History other) {
+        store_.reset();
+        forgot = true;
+        return {std::exchange(disk_, std::move(other.disk)),
+                std::exchange(commits_, std::move(other.commits))};
     }
 
     /// All durable commits, also those that a base replaced.
     [[nodiscard]] const std::vector<server::CommitRecord>& commits() const { return commits_; }
 
 private:
-    void writeAnew(const server::CommitStore& before) {
-        disk_ = server::createMemoryDisk();
+    void writeAnew(const server::CommitStore& before, Epoch epoch) {
+        disk_ = server::createMemoryDisk(before.identity());
         store_ = server::createMemoryCommitStore(disk_);
         (void)store_->append(commits_);
         const auto checkpoints = before.checkpoints();
@@ -66,11 +91,12 @@ private:
             if (one.revision <= commits_.size()) (void)store_->addCheckpoint(one);
         (void)store_->compact(std::min<Revision>(before.base().revision, commits_.size()),
                               [] { return true; });
-        while (store_->head().epoch < before.head().epoch)
-            store_ = server::createMemoryCommitStore(disk_);
+        while (store_->head().epoch < epoch) store_ = server::createMemoryCommitStore(disk_);
     }
 
-    std::shared_ptr<server::MemoryDisk> disk_ = server::createMemoryDisk();
+    // The identities are not random, so that a run can be repeated.
+    std::shared_ptr<server::MemoryDisk> disk_ =
+        server::createMemoryDisk(StoreId(std::string(32, 'a')));
     std::unique_ptr<server::CommitStore> store_ = server::createMemoryCommitStore(disk_);
     std::vector<server::CommitRecord> commits_;
 };

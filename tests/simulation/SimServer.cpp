@@ -85,6 +85,7 @@ void SimServer::sendCommit(std::span<const SessionId> sessions, SharedBytes fram
                            Revision revision) {
     network_.sendCommit(sessions, frame, revision);
 }
+bool SimServer::isMulticast(SessionId session) const { return network_.isDds(session); }
 bool SimServer::holdCommits(SessionId session) { return network_.holdCommits(session); }
 void SimServer::releaseCommits(SessionId session, Revision next) {
     network_.releaseCommits(session, next);
@@ -219,6 +220,17 @@ void SimServer::readCommits(SessionId session, Revision from, Revision to) {
         if (!read) return project_->commitsRead(session, tl::unexpected(read.error()));
         project_->commitsRead(session, std::move(commits));
     });
+}
+
+bool SimServer::serves(const Welcome& welcome, Revision revision, const LayerDocs& layers) const {
+    const auto& commits = disk.commits();
+    const bool isPresent = welcome.store == store().identity() && welcome.revision > 0 &&
+                           welcome.revision <= commits.size() &&
+                           commits[welcome.revision - 1].hash == welcome.hash;
+    if (!isPresent || revision < welcome.base.value_or(0)) return true;
+    return revision <= commits.size() && std::ranges::all_of(layers, [&](const auto& one) {
+               return replay(one.first, revision).dump() == one.second.dump();
+           });
 }
 
 LayerDoc SimServer::replay(const LayerId& layer, Revision revision) const {

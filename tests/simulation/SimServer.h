@@ -8,6 +8,7 @@
 
 #include "SimDisk.h"
 #include "SimNetwork.h"
+#include "usdlive/common/layer/TransactionExecutor.h"
 #include "usdlive/server/project/NamedBlobs.h"
 #include "usdlive/server/project/Project.h"
 
@@ -27,6 +28,10 @@ public:
     [[nodiscard]] const server::Project& project() const { return *project_; }
     /// Called when an editor has connected.
     void connected(server::SessionId session);
+    /// Returns whether the history has the layers at the revision. True as well if `welcome` is of
+    /// a history that has been replaced since, or begins later: nobody can tell (ID2).
+    [[nodiscard]] bool serves(const Welcome& welcome, Revision revision,
+                              const LayerDocs& layers) const;
     [[nodiscard]] server::CommitStore& store() const { return disk.store(); }
     [[nodiscard]] bool isIdle() const { return appends_.empty() && !appending_; }
 
@@ -37,6 +42,7 @@ public:
     void send(server::SessionId session, SharedBytes frames) override;
     void sendCommit(std::span<const server::SessionId> sessions, SharedBytes frame,
                     Revision revision) override;
+    [[nodiscard]] bool isMulticast(server::SessionId session) const override;
     bool holdCommits(server::SessionId session) override;
     void releaseCommits(server::SessionId session, Revision next) override;
     [[nodiscard]] bool congested(server::SessionId session) override;
@@ -69,6 +75,7 @@ public:
     // The simulation does not test the entries of the activity log.
     void record(const server::ActivityEvent&) override {}
     [[nodiscard]] std::int64_t wallClockMs() override { return clock_.nowMs(); }
+    [[nodiscard]] std::int64_t steadyMs() override { return clock_.nowMs(); }
     void readClient(const ClientId& client) override;
     void importLayer(const LayerId& layer) override;
     void readLayer(server::SessionId session, std::uint64_t request, const LayerId& layer) override;

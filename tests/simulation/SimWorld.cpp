@@ -25,6 +25,7 @@ public:
         : seed_(seed),
           random_(seed),
           ages_(~seed),
+          histories_(seed ^ 0x1d),
           kind_(seed % 5),
           style_(style()),
           server_(makeServer(seed)) {
@@ -143,6 +144,57 @@ private:
         if (ages_.chance(40))
             for (auto count = 1 + ages_.below(4); count > 0; --count)
                 clock_.at(ages_.between(0, end), [this] { server_.boundHistory(); });
+        if (ages_.chance(30)) clock_.at(ages_.between(0, end), [this] { fullAtReconnect(); });
+        if (!style_.bigValues && histories_.chance(25)) planOtherHistories(end);
+    }
+
+    // ID2: another project, or an older copy of this one, is served at the address for some time.
+    void planOtherHistories(std::int64_t end) {
+        for (auto count = 1 + histories_.below(2); count > 0; --count) {
+            const std::int64_t from = histories_.between(0, end),
+                               to = histories_.between(from, end);
+            if (histories_.chance(50)) {
+                clock_.at(from, [this] { serveOther(); });
+                clock_.at(to, [this] { serveOwn(); });
+            } else {
+                const bool older = histories_.chance(50);
+                clock_.at(from, [this, older] {
+                    if (!own_) backup_ = server_.disk.copy(older);
+                });
+                clock_.at(to, [this] { restore(); });
+            }
+        }
+    }
+    void serve(SimDisk::History history, std::optional<SimDisk::History>& before) {
+        server_.kill();
+        before = server_.disk.put(std::move(history));
+        ++report_.otherHistories;
+        server_.start();
+    }
+    void serveOther() {
+        if (own_) return;
+        serve(other_ ? *std::exchange(other_, std::nullopt) : SimDisk::History{}, own_);
+    }
+    void serveOwn() {
+        if (own_) serve(*std::exchange(own_, std::nullopt), other_);
+    }
+    void restore() {
+        if (own_ || !backup_) return;
+        std::optional<SimDisk::History> abandoned;
+        serve(*std::exchange(backup_, std::nullopt), abandoned);
+    }
+
+    // Everybody has unsent work when they come back to a server whose disk is full.
+    void fullAtReconnect() {
+        const auto awayUs = ages_.between(1'000, kSecondUs);
+        const bool reportsSpace = ages_.chance(50);
+        server_.kill();
+        clock_.in(awayUs, [this, reportsSpace] {
+            server_.setSpace(true, reportsSpace);
+            restart();
+        });
+        clock_.in(awayUs + ages_.between(1'000, 2 * kSecondUs), [this] { emptyDisk(); });
+        ++report_.restarts;
     }
 
     void collectAgain() {
@@ -164,7 +216,7 @@ private:
     void restart() {
         if (server_.isRunning()) return;
         const Revision head = server_.store().head().revision;
-        if (rollsBack_ && head > 3) server_.disk.rollBack(head - random_.below(4));
+        if (rollsBack_ && !own_ && head > 3) server_.disk.rollBack(head - random_.below(4));
         server_.start();
     }
     void fillDisk() { server_.setSpace(true, random_.chance(50)); }
@@ -173,6 +225,7 @@ private:
     // ---- the time without faults and edits
 
     void becomeQuiet() {
+        serveOwn();
         emptyDisk();
         if (server_.disk.failed) kill();
         if (random_.chance(50)) addClient();
@@ -235,13 +288,14 @@ private:
                                clients_, [](const auto& client) { return client->hasSentByPath; });
         for (const auto& client : clients_) {
             client->check(truth);
-            if (!rollsBack_) client->namespaceEdits().check(docs, carriesAddresses, report_);
+            if (!losesHistory()) client->namespaceEdits().check(docs, carriesAddresses, report_);
             report_.previewedBlobs += client->previewedBlobs;
             for (const Checkpoint& made : client->checkpoints)
                 require(server_.disk.forgot || std::ranges::count(checkpoints, made) == 1,
                         "a checkpoint is lost");
         }
         checkLog();
+        checkProjects();
         checkPeeks();
         if (style_.bigValues) server_.checkBlobs();
         report_.collected = server_.collected;
@@ -270,7 +324,11 @@ private:
             ++report_.commits;
             checkLocks(commit);
             if (commit.id.sequence == 0) continue;  // an import or a reload
-            require(seen.insert(commit.id).second, "a transaction was committed twice");
+            require(seen.insert(commit.id).second,
+                    "transaction " + std::to_string(commit.id.sequence) + " of " +
+                        commit.id.client.value +
+                        " was committed twice, the second time as commit " +
+                        std::to_string(commit.revision));
             if (inOrder && !interrupted.contains(commit.id.client))
                 require(
                     commit.id.sequence > std::exchange(last[commit.id.client], commit.id.sequence),
@@ -282,6 +340,7 @@ private:
         }
         for (const auto& client : clients_) {
             report_.lost += client->lostEdits;
+            report_.accepted += client->commitsAccepted;
             report_.together += client->commitsTogether;
             report_.writtenAgain += client->session().writtenAgain();
             const std::uint64_t known = executed[client->session().id()] + client->lostEdits +
@@ -289,13 +348,33 @@ private:
             // Uncertain edits may have been dropped or not.
             const bool isKnown = known <= client->authoredEdits &&
                                  client->authoredEdits <= known + client->uncertainEdits;
-            if (rollsBack_ || isKnown) continue;
+            if (losesHistory() || isKnown) continue;
             throw SimFailure(client->session().id().value + " authored " +
                              std::to_string(client->authoredEdits) + " edits, of which " +
                              std::to_string(executed[client->session().id()]) +
                              " are in the log and " + std::to_string(client->lostEdits) +
                              " were said to be lost, " + std::to_string(client->uncertainEdits) +
                              " perhaps");
+        }
+    }
+
+    // ID3: no transaction is in another project than the one for which it was made.
+    void checkProjects() {
+        const auto check = [&](const StoreId& store, const auto& commits) {
+            std::map<TransactionId, Revision> found;
+            for (const server::CommitRecord& one : commits) found[one.id] = one.revision;
+            for (const auto& client : clients_)
+                for (const auto& [sequence, madeFor] : client->madeFor)
+                    require(madeFor == store || !found.contains({client->session().id(), sequence}),
+                            client->session().id().value + " made transaction " +
+                                std::to_string(sequence) + " for another project");
+        };
+        check(server_.store().identity(), server_.disk.commits());
+        if (other_)
+            check(server::createMemoryCommitStore(other_->disk)->identity(), other_->commits);
+        for (const auto& client : clients_) {
+            report_.joinsOfOther += client->joinsOfOther;
+            report_.regained += client->regained;
         }
     }
 
@@ -325,7 +404,7 @@ private:
     }
 
     void checkPeeks() {
-        if (rollsBack_) return;
+        if (losesHistory()) return;
         for (const auto& client : clients_)
             for (const SimClient::Peeked& peeked : client->peeked)
                 require(server_.replay(peeked.layer, peeked.revision).dump() == peeked.dump,
@@ -337,6 +416,7 @@ private:
     SimRandom random_;
     SimRandom ages_;  // decides when old commits are replaced; separate, so that it does not change
                       // the rest
+    SimRandom histories_;  // decides about other histories; separate for the same reason
     SimClock clock_;
     SimNetwork network_{clock_, random_};
     const std::uint64_t kind_;
@@ -346,6 +426,10 @@ private:
     SimServer server_;
     std::vector<std::unique_ptr<SimClient>> clients_;
     bool rollsBack_ = false;
+    // Set while another project is served; otherwise other_ is the history of that project.
+    std::optional<SimDisk::History> own_, other_, backup_;
+    /// Commits that were acknowledged may be in no log.
+    [[nodiscard]] bool losesHistory() const { return rollsBack_ || report_.otherHistories > 0; }
     LayerDocs locked_;  // at the commit that is being checked
     SimReport report_;
 };

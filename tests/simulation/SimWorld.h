@@ -10,6 +10,7 @@ namespace usdlive::simulation {
 struct SimReport {
     std::uint64_t commits = 0, lost = 0, restarts = 0, snapshots = 0;
     std::uint64_t unloads = 0;      ///< unloaded layers since the last start
+    std::uint64_t accepted = 0;     ///< commits of which the author received an acceptance (FR11)
     std::uint64_t together = 0;     ///< commits that a client received as part of a later one (CF1)
     std::uint64_t compactions = 0;  ///< compactions of the history
     std::uint64_t previewedBlobs = 0;  ///< big values that arrived for a preview
@@ -20,9 +21,12 @@ struct SimReport {
     std::uint64_t moves = 0;           ///< namespace edits
     std::uint64_t movesOfSeveral = 0;  ///< those in the end in several layers
     std::uint64_t refusedMoves = 0;
-    std::uint64_t writes = 0;   ///< to prims that namespace edits may move
-    std::uint64_t carried = 0;  ///< writes that are in the end at another path (M3)
-    std::string failure;        ///< empty: everything holds
+    std::uint64_t writes = 0;          ///< to prims that namespace edits may move
+    std::uint64_t carried = 0;         ///< writes that are in the end at another path (M3)
+    std::uint64_t otherHistories = 0;  ///< other projects and restored copies at the address (ID2)
+    std::uint64_t joinsOfOther = 0;    ///< decisions to join one (ID4)
+    std::uint64_t regained = 0;        ///< edits that it lacked
+    std::string failure;               ///< empty: everything holds
 };
 
 /// Runs one seed: 2 to 8 editors and a server with faults, then a time without faults and edits,

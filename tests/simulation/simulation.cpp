@@ -51,6 +51,7 @@ public:
             all.restarts += one.restarts;
             all.snapshots += one.snapshots;
             all.unloads += one.unloads;
+            all.accepted += one.accepted;
             all.together += one.together;
             all.compactions += one.compactions;
             all.previewedBlobs += one.previewedBlobs;
@@ -63,6 +64,9 @@ public:
             all.refusedMoves += one.refusedMoves;
             all.writes += one.writes;
             all.carried += one.carried;
+            all.otherHistories += one.otherHistories;
+            all.joinsOfOther += one.joinsOfOther;
+            all.regained += one.regained;
             if (options.verbose) print("seed " + std::to_string(options.first + index), one);
             if (!one.failure.empty())
                 ADD_FAILURE() << "seed " << options.first + index << ": " << one.failure
@@ -76,6 +80,8 @@ public:
         EXPECT_GT(all.movesOfSeveral, 0u);
         EXPECT_GT(all.refusedMoves, 0u);
         EXPECT_GT(all.carried, 0u);
+        EXPECT_GT(all.joinsOfOther, 0u);
+        EXPECT_GT(all.regained, 0u);
     }
 
 private:
@@ -91,17 +97,19 @@ private:
     static void print(const std::string& what, const SimReport& report) {
         std::printf(
             "%s: %llu commits, %llu edits lost, %llu restarts, %llu snapshots, %llu unloads, "
-            "%llu together, %llu compactions, %llu big values of previews, %llu collected, "
+            "%llu accepted, %llu together, %llu compactions, %llu big values of previews, %llu "
+            "collected, "
             "%llu clients forgotten, %llu in parts, %llu edits written again, "
             "%llu namespace edits (%llu of several layers, %llu refused), %llu writes to prims "
             "(%llu "
-            "carried by moves)%s\n",
+            "carried by moves), %llu other histories (joined %llu times, lacked %llu edits)%s\n",
             what.c_str(), number(report.commits), number(report.lost), number(report.restarts),
-            number(report.snapshots), number(report.unloads), number(report.together),
-            number(report.compactions), number(report.previewedBlobs), number(report.collected),
-            number(report.forgotten), number(report.inParts), number(report.writtenAgain),
-            number(report.moves), number(report.movesOfSeveral), number(report.refusedMoves),
-            number(report.writes), number(report.carried),
+            number(report.snapshots), number(report.unloads), number(report.accepted),
+            number(report.together), number(report.compactions), number(report.previewedBlobs),
+            number(report.collected), number(report.forgotten), number(report.inParts),
+            number(report.writtenAgain), number(report.moves), number(report.movesOfSeveral),
+            number(report.refusedMoves), number(report.writes), number(report.carried),
+            number(report.otherHistories), number(report.joinsOfOther), number(report.regained),
             report.failure.empty() ? "" : ", FAILED");
     }
 

@@ -74,6 +74,8 @@ nb::dict convert(const client::event::Connected& event) {
     d["epoch"] = event.welcome.epoch;
     d["revision"] = event.welcome.revision;
     d["resumed"] = event.resumed;
+    d["store"] = text(event.welcome.store.value_or(StoreId{}).value);
+    d["left_history"] = event.leftHistory;
     return d;
 }
 
@@ -261,6 +263,18 @@ nb::dict toDictionary(const client::UnsentWork& work) {
     for (const LayerId& layer : work.layers) layers.append(text(layer.value));
     d["layers"] = nb::tuple(layers);
     d["file"] = text(work.file);
+    d["other_project"] = work.otherProject;
+    return d;
+}
+
+nb::dict toDictionary(const client::OtherHistory& other) {
+    nb::dict d;
+    d["expected_project"] = text(other.expectedProject);
+    d["expected_store"] = text(other.expectedStore.value);
+    d["found_project"] = text(other.foundProject);
+    d["found_store"] = text(other.foundStore.value);
+    d["other_project"] = other.isOtherProject();
+    d["message"] = text(other.reason.message);
     return d;
 }
 

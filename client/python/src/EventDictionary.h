@@ -13,6 +13,7 @@ namespace usdlive {
 /// Returns the event with its name under the key "event".
 [[nodiscard]] nanobind::dict toDictionary(const client::Event& event);
 [[nodiscard]] nanobind::dict toDictionary(const client::UnsentWork& work);
+[[nodiscard]] nanobind::dict toDictionary(const client::OtherHistory& other);
 nanobind::dict toDictionary(const LayerState& state);
 [[nodiscard]] nanobind::dict toDictionary(const Presence& presence);
 

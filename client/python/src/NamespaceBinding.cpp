@@ -54,7 +54,8 @@ public:
         view.muted = muted;
         for (const auto& [path, rule] : rules)
             view.loadRules.emplace(pxr::SdfPath(path), StageView::Load(rule));
-        for (const auto& path : mask) view.mask.emplace_back(path);
+        for (const auto& path : mask)
+            view.mask.push_back(path.empty() ? pxr::SdfPath() : pxr::SdfPath(path));
         for (const auto& [set, variants] : fallbacks) view.variantFallbacks[set] = variants;
         return view;
     }

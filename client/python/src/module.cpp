@@ -232,7 +232,8 @@ public:
         presence.time = time;
         presence.editTarget = editTarget;
         presence.data = data;
-        client("show_presence").showPresence(std::move(presence));
+        if (const auto shown = client("show_presence").showPresence(std::move(presence)); !shown)
+            raise(shown.error());
     }
 
     nb::list presences() {
@@ -246,6 +247,15 @@ public:
         lostLayers_.push_back(orRaise(
             client("lost_work_as_layer").lostWorkAsLayer(index, orRaise(parseLayerId(name)))));
         return lostLayers_.back()->GetIdentifier();
+    }
+
+    nb::object otherHistory() {
+        const auto& other = client("other_history").otherHistory();
+        return other ? nb::object(toDictionary(*other)) : nb::object(nb::none());
+    }
+    void joinOtherHistory() {
+        if (const auto done = client("join_other_history").joinOtherHistory(); !done)
+            raise(done.error());
     }
 
     nb::list unsentWork() {
@@ -407,6 +417,8 @@ NB_MODULE(_usdlive, module) {
              [](PythonClient& self) { self.client("hide_presence").hidePresence(); })
         .def("presences", &PythonClient::presences)
         .def("lost_work_as_layer", &PythonClient::lostWorkAsLayer)
+        .def("other_history", &PythonClient::otherHistory)
+        .def("join_other_history", &PythonClient::joinOtherHistory)
         .def("unsent_work", &PythonClient::unsentWork)
         .def("send_unsent", &PythonClient::sendUnsent)
         .def("unsent_as_layer", &PythonClient::unsentAsLayer)

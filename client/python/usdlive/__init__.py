@@ -35,10 +35,10 @@ from . import events, plugins  # noqa: E402
 from ._usdlive import __version__  # noqa: E402
 from ._error_code import ErrorCode  # noqa: E402
 from ._errors import Error  # noqa: E402
-from ._live import Live, UnsentWork, connect  # noqa: E402
+from ._live import Live, UnsentWork, connect, connect_async  # noqa: E402
 from ._namespace import NamespaceEditor  # noqa: E402
 
 plugins.register()
 
 __all__ = ["__version__", "Error", "ErrorCode", "Live", "NamespaceEditor", "UnsentWork", "connect",
-           "events", "plugins"]
+           "connect_async", "events", "plugins"]

@@ -43,12 +43,28 @@ def connect(url: str, *, user: str = "", application: str = "python", cache_fold
     return Live(client, url, user)
 
 
+async def connect_async(url: str, **options: typing.Any) -> "Live":
+    """`connect()` while the event loop goes on: another thread waits for the server. Takes the same `options`."""
+    connecting = asyncio.ensure_future(asyncio.to_thread(connect, url, **options))
+    try:
+        return await asyncio.shield(connecting)
+    except asyncio.CancelledError:
+        connecting.add_done_callback(lambda done: done.cancelled() or done.exception() or done.result().close(timeout=0))
+        raise
+
+
 def _file_name(path: str) -> str:
     try:
         path.encode()
     except UnicodeEncodeError:
         raise Error("invalidFileName", f"the file name {path!a} is not UTF-8") from None
     return path
+
+
+def _held(identifier: str) -> Sdf.Layer:
+    """Returns a loaded layer. `Sdf.Layer.Find()` would not keep it alive when it is no longer live, and OpenUSD ends the
+    process when it gets such a layer."""
+    return Sdf.Layer.FindOrOpen(identifier)
 
 
 def _path_in(folder: str, layer: Sdf.Layer) -> str:
@@ -105,8 +121,11 @@ class Live:
     def __init__(self, client: "_usdlive.Client", url: str, user: str):
         self._client = client
         self._url, self._user = url, user
+        self._process = os.getpid()
         _open.add(self)
         self._handlers: list[typing.Callable[[events.Event], None]] = []
+        # Handlers of calls that wait for an answer.
+        self._answered: list[typing.Callable[[events.Event], None]] = []
         self._followed: list[_MutenessOfStage] = []
         self._foreign_files: list[ForeignFiles] = []
         # Events for which handlers were not called yet.
@@ -126,7 +145,7 @@ class Live:
     def open_layer(self, layer: str, payloads: bool = True) -> Sdf.Layer:
         """Opens a layer of the project live, with all layers of the project that it uses. Without `payloads`,
         layers used only by payloads are skipped until a stage loads them. Blocks until the layer has arrived."""
-        return Sdf.Layer.Find(self._client.open_layer(layer, payloads))
+        return _held(self._client.open_layer(layer, payloads))
 
     def request_open_layer(self, layer: str, payloads: bool = True) -> int:
         """Begins to open a layer and returns at once: ticks do the work, within their budgets, also while there is
@@ -137,7 +156,7 @@ class Live:
     def opened_layer(self, layer: str) -> Sdf.Layer | None:
         """The live layer with all its content; None when it is not open, or still opening."""
         identifier = self._client.opened_layer(layer)
-        return None if identifier is None else Sdf.Layer.Find(identifier)
+        return None if identifier is None else _held(identifier)
 
     async def open_layer_async(self, layer: str, payloads: bool = True,
                                interval: float | None = 1 / 60) -> Sdf.Layer:
@@ -151,14 +170,14 @@ class Live:
                 ends.append(event)
 
         request = self.request_open_layer(layer, payloads)
-        self.add_handler(note)
+        self._answered.append(note)
         try:
             while not ends:
                 more = interval is not None and self.tick()
                 if not ends:
                     await asyncio.sleep(0 if more else interval or 1 / 120)
         finally:
-            self.remove_handler(note)
+            self._answered.remove(note)
         if isinstance(ends[0], events.LayerOpenFailed):
             raise Error(ends[0].code, ends[0].message)
         opened = self.opened_layer(layer)
@@ -177,7 +196,7 @@ class Live:
         `notConnected`, because only the server knows which names are free; `invalidArgument` inside a notice
         handler during `tick()`.
         """
-        return Sdf.Layer.Find(self._client.create_layer(layer))
+        return _held(self._client.create_layer(layer))
 
     def upload(self, file: "str | os.PathLike[str]", path: str, overwrite: bool = False) -> None:
         """Uploads a file of this machine that is no layer, such as a texture or a package, and waits until it is a
@@ -188,7 +207,7 @@ class Live:
         `path` is its name relative to the project; folders are created as needed. If the project has another file of
         this name, it is replaced only with `overwrite`; the same content is a success. The server writes the whole
         file or nothing. Raises an Error: `invalidFileName`; `fileExists`; `notConnected`, also if the connection is
-        lost meanwhile: upload it again; `invalidArgument` if the file cannot be read, if it changes meanwhile, or
+        lost meanwhile: upload it again, it continues where it was; `invalidArgument` if the file cannot be read, if it changes meanwhile, or
         inside a notice handler during `tick()`; `blobTooLarge` (`--max-blob-mib` of the server); `saveFailed` and
         `storageFull` if the server cannot write it.
         """
@@ -211,8 +230,20 @@ class Live:
         by payloads are not joined; `stage.Load()` joins them in the next ticks. With `follow_muteness`, layers
         that are muted for everybody (`mute`) are muted on this stage. All files that the layers name are found as in
         the project's folder, unless `connect()` has warned that they are not; `events.FilesChanged` says when they
-        change. Layers that only value clips name are such files: they are not live unless you open them."""
-        stage = Usd.Stage.Open(self.open_layer(layer, load == Usd.Stage.LoadAll), load)
+        change. Layers that only value clips name are such files: they are not live unless you open them. A layer that
+        the server cannot read has no content and refuses edits until its file is mended; `events.JoinFailed` says why.
+        Keep this object as long as you edit the stage: without it the layers are no longer live, and refuse edits."""
+        return self._stage(self.open_layer(layer, load == Usd.Stage.LoadAll), layer, load, follow_muteness)
+
+    async def open_stage_async(self, layer: str, load: "Usd.Stage.InitialLoadSet" = Usd.Stage.LoadAll,
+                               follow_muteness: bool = True, interval: float | None = 1 / 60) -> Usd.Stage:
+        """`open_stage()` while the event loop goes on, as `open_layer_async()` does. Composing the stage from its layers,
+        when they are here, does not wait for anything."""
+        root = await self.open_layer_async(layer, load == Usd.Stage.LoadAll, interval)
+        return self._stage(root, layer, load, follow_muteness)
+
+    def _stage(self, root: Sdf.Layer, layer: str, load: "Usd.Stage.InitialLoadSet", follow_muteness: bool) -> Usd.Stage:
+        stage = Usd.Stage.Open(root, load)
         if follow_muteness:
             self._follow(stage, layer)
         return stage
@@ -287,7 +318,8 @@ class Live:
                 setattr(origin, name, value)
 
     def close_layer(self, layer: str) -> None:
-        """Ends the live connection of the layer, which keeps its content."""
+        """Ends the live connection of the layer, which keeps its content. From then on it refuses edits, which nobody would
+        get, unless it is a file of an attached folder. `layer.SetPermissionToEdit(True)` makes it a copy of your own."""
         self._client.close_layer(layer)
 
     # -- editing
@@ -314,7 +346,7 @@ class Live:
 
     def begin_gesture(self) -> None:
         """Starts a gesture. Until `end_gesture()`, others see the edits at once, and all are committed
-        together."""
+        together. Gestures nest: the outermost one counts."""
         self._client.begin_gesture()
 
     def end_gesture(self) -> None:
@@ -346,14 +378,20 @@ class Live:
         `events.Saved` or an `events.ServerError` with this number as its `request`."""
         return self._client.save(list(layers), force)
 
-    def reload(self, *layers: str) -> int:
-        """Asks the server to commit the content of these layers' files (default: all outdated layers), so that
-        all users get it. Returns a number. The answer is an `events.Reloaded` with this number as its
-        `request`."""
+    def reload(self, *layers: str, timeout: float = 60.0) -> events.Reloaded:
+        """Lets the server commit the content of these layers' files (default: all outdated layers), so that all users get
+        it, and returns the result when this editor shows it. Layers that could not be reloaded are in `failed`. Raises an
+        Error if the request was refused, or if the server did not answer within `timeout` seconds."""
+        self._client.may_wait("reload")
+        return self._answer(self.request_reload(*layers), timeout)
+
+    def request_reload(self, *layers: str) -> int:
+        """Does the same without waiting. Returns a number. The answer is an `events.Reloaded` or an `events.ServerError`
+        with this number as its `request`."""
         return self.request("reloadLayers", layers=layers)
 
     def _unconfirmed(self, timeout: float) -> str:
-        why = "" if self.connected else ", and there is no connection to the server"
+        why = "" if self.connected else f", and {self.other_history or 'there is no connection to the server'}"
         return f"{self.pending} transactions were not confirmed within {timeout:g} s{why}"
 
     # -- checkpoints
@@ -398,12 +436,12 @@ class Live:
             if isinstance(event, (*events.ANSWERS, events.ServerError)) and event.request == request:
                 answers.append(event)
 
-        self.add_handler(receive)
+        self._answered.append(receive)
         try:
             if not self.wait(lambda: bool(answers), timeout):
                 raise Error("notConnected", f"the server did not answer within {timeout:g} s")
         finally:
-            self.remove_handler(receive)
+            self._answered.remove(receive)
         if isinstance(answers[0], events.ServerError):
             raise Error(answers[0].code, answers[0].message)
         return answers[0]
@@ -458,12 +496,16 @@ class Live:
     def follow(self, user: str, function: typing.Callable[[events.Presence | None], None]
                ) -> typing.Callable[[], None]:
         """Calls `function(presence)` with the presence of a user, now and after each change, during `tick()`.
-        Use it to follow a camera or a selection. None means that the user has left. If the user has several
-        clients, the one that changed last is followed. Returns a function that ends it."""
-        followed: list[str] = []  # the client's id
+        Use it to follow a camera or a selection. If the user has several clients, the one that changed last is followed;
+        when it has left, the one that changed before. None means that the user has left with all clients. Returns a
+        function that ends it."""
+        shown: dict[str, events.Presence] = {}  # by client; the one that changed last is the last
 
         def moved(presence: events.Presence) -> None:
-            followed[:] = [presence.client]
+            if shown.get(presence.client) == presence:
+                return
+            shown.pop(presence.client, None)
+            shown[presence.client] = presence
             function(presence)
 
         def happened(event: events.Event) -> None:
@@ -472,9 +514,12 @@ class Live:
             for presence in event.shown:
                 if presence.user == user:
                     moved(presence)
-            if followed and followed[0] in event.gone:
-                followed.clear()
-                function(None)
+            followed = next(reversed(shown), None)
+            for client in event.gone:
+                shown.pop(client, None)
+            now = next(reversed(shown), None)
+            if now != followed:
+                function(shown[now] if now else None)
 
         for presence in self.presences():
             if presence.user == user:
@@ -482,20 +527,39 @@ class Live:
         self.add_handler(happened)
         return lambda: self.remove_handler(happened)
 
+    @property
+    def other_history(self) -> events.OtherHistory | None:
+        """Not None while this connection has stopped because the server has another history than the editor shows:
+        another project is served at the address, or an older copy of this one. An `events.ServerError` with the
+        code `historyDiverged` reports it once. The layers stay as they are, edits are kept as without a
+        connection, nothing is sent, and work continues when the right server is back."""
+        found = self._client.other_history()
+        return None if found is None else events.OtherHistory(**found)
+
+    def join_other_history(self) -> None:
+        """Decides to join the history that `other_history` describes, with the next connection. Then all open
+        layers get its content. Everything that this editor was told is committed and that this history lacks
+        becomes lost work (`events.Lost`). Unsent edits are sent if it is the same project; those made in another
+        project become lost work, too. Returns at once; `events.Connected` reports the result. Raises an Error
+        (`invalidArgument`) if the connection has not stopped."""
+        self._client.join_other_history()
+
     def unsent_work(self) -> list["UnsentWork"]:
         """Returns work that earlier connections of this user to this project could not send, because the
-        process, the server or the network ended first. Oldest first. It is kept until it is sent or discarded."""
+        process, the server or the network ended first. Oldest first. It is kept until it is sent or discarded.
+        Work in another project of the same name (`about.other_project`) cannot be sent to this one."""
         return [UnsentWork(self._client, events.Unsent(**one)) for one in self._client.unsent_work()]
 
     def lost_work_as_layer(self, index: int, layer: str) -> Sdf.Layer:
         """Returns refused or dropped work as an anonymous layer (M12): number `index` (see `events.Lost`) on
         `layer`."""
-        return Sdf.Layer.Find(self._client.lost_work_as_layer(index, layer))
+        return _held(self._client.lost_work_as_layer(index, layer))
 
     # -- events
 
     def add_handler(self, handler: typing.Callable[[events.Event], None]) -> None:
-        """Calls `handler(event)` for every event, during `tick()` and `flush()`."""
+        """Calls `handler(event)` for every event, during `tick()` and `flush()`. Without a handler, `events.Lost` and
+        `events.JoinFailed` become a RuntimeWarning."""
         self._handlers.append(handler)
 
     def remove_handler(self, handler: typing.Callable[[events.Event], None]) -> None:
@@ -535,8 +599,10 @@ class Live:
         self._update_stages()
         while self._undelivered:
             event = events._from_dictionary(self._undelivered.popleft())
-            for handler in tuple(self._handlers):
+            for handler in (*self._answered, *self._handlers):
                 handler(event)
+            if not self._handlers and isinstance(event, (events.Lost, events.JoinFailed)):
+                warnings.warn(str(event), RuntimeWarning, stacklevel=4)
             if time.perf_counter() >= end:
                 break
         return bool(self._undelivered)
@@ -545,7 +611,8 @@ class Live:
 
     @property
     def connected(self) -> bool:
-        return self._client.connected
+        """False while the connection is lost, and when it was closed."""
+        return not self._client.closed and self._client.connected
 
     @property
     def revision(self) -> int:
@@ -574,8 +641,8 @@ class Live:
     def close(self, timeout: float = 5.0) -> events.Unsent | None:
         """Leaves the project when all own edits are committed, or after `timeout` seconds. Returns None, or the
         unsent work and where it is kept, with a RuntimeWarning; `unsent_work()` of a later connection can send
-        it. Layers keep their content and are no longer live. Inside a notice handler during `tick()`, the
-        connection is closed at the end of the tick."""
+        it. Layers keep their content, are no longer live and refuse edits, as after `close_layer()`. Inside a notice
+        handler during `tick()`, the connection is closed at the end of the tick."""
         unsent, happened = self._client.close(timeout * 1000.0)
         self._notify(happened)
         if unsent is None:
@@ -583,6 +650,12 @@ class Live:
         left = events.Unsent(**unsent)
         warnings.warn(str(left), RuntimeWarning, stacklevel=2)
         return left
+
+    def __del__(self) -> None:
+        if self._process == os.getpid() and not self._client.closed:
+            warnings.warn(f"the connection to {self._url} was not closed, and nothing refers to it any more. Its layers are no "
+                          "longer live and refuse edits; what was not sent is kept, and unsent_work() of the next connection "
+                          "returns it. Keep what usdlive.connect() returns as long as you edit", RuntimeWarning, stacklevel=1)
 
     def __enter__(self) -> "Live":
         return self
@@ -613,7 +686,7 @@ class UnsentWork:
 
     def as_layer(self, layer: str) -> Sdf.Layer:
         """Returns the work's changes of `layer` as an anonymous layer. The work is kept."""
-        return Sdf.Layer.Find(self._client.unsent_as_layer(self.about.id, layer))
+        return _held(self._client.unsent_as_layer(self.about.id, layer))
 
     def discard(self) -> None:
         """Deletes the work for good."""

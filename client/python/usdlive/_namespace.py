@@ -44,7 +44,8 @@ class _EditedStage:
         rules = {str(path): _RULES.index(rule) for path, rule in self.stage.GetLoadRules().GetRules()}
         mask = [str(path) for path in self.stage.GetPopulationMask().GetPaths()]
         fallbacks = {name: list(variants) for name, variants in Usd.Stage.GetGlobalVariantFallbacks().items()}
-        return list(self.stage.GetMutedLayers()), rules, [] if mask == ["/"] else mask, fallbacks
+        # Without paths, all prims are in the mask of the extension; an empty path includes no prim.
+        return list(self.stage.GetMutedLayers()), rules, [] if mask == ["/"] else mask or [""], fallbacks
 
     def edit_target(self) -> tuple[str, bool]:
         target = self.stage.GetEditTarget()
@@ -52,7 +53,13 @@ class _EditedStage:
         return layer.identifier if layer else "", not target.GetMapFunction().isIdentityPathMapping
 
     def is_built_in(self, type_name: str, schemas: list[str], name: str) -> bool:
-        return name in _built_in(type_name, tuple(schemas))
+        return name in _built_in(self._known_type(type_name), tuple(schemas))
+
+    def _known_type(self, type_name: str) -> str:
+        """The type itself if it is registered, or the first of the stage's fallbacks for it that is."""
+        fallbacks = self.stage.GetMetadata("fallbackPrimTypes") or {}
+        return next((name for name in (type_name, *fallbacks.get(type_name, ()))
+                     if Usd.SchemaRegistry().FindConcretePrimDefinition(name)), "")
 
     def is_in_prototype(self, path: str) -> bool:
         prim = self.stage.GetPrimAtPath(path)
@@ -88,8 +95,8 @@ class NamespaceEditor:
     opinions, and corrects the targets, connections and arcs that lead to them.
 
     The methods are those of Usd.NamespaceEditor. Edits are queued; each sees the stage as the ones before
-    leave it; `ApplyEdits` applies all of them, in one change block, or none. docs/namespace-editing.md lists
-    where this does more than Usd.NamespaceEditor."""
+    leave it; `ApplyEdits` applies all of them or none. docs/namespace-editing.md lists where this does more than
+    Usd.NamespaceEditor."""
 
     class EditOptions:
         """`allowRelocatesAuthoring`: prims with opinions over arcs are moved by relocates. `editVariants`:
@@ -242,8 +249,9 @@ class NamespaceEditor:
         return [layer for layer in found if layer]
 
     def Undo(self) -> list[Kept]:
-        """Takes back what the last successful ApplyEdits has changed, in one change block. In live layers what
-        others have written since stays, and is returned."""
+        """Takes back what the last successful ApplyEdits has changed; a second call does nothing. In live layers what
+        others have written since stays, and is returned. A prim that cannot go back keeps the targets that lead to
+        it."""
         record = self._editor.record()
         clients = [live._client for live in _open if not live.closed]
         shared = [layer for layer in record.layers()

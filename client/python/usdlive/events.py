@@ -25,10 +25,15 @@ class Edit:
 
 @dataclasses.dataclass(frozen=True)
 class Connected:
+    """`store`: the random identity of the project's history, which stays with its folder; "" if it is not known.
+    `left_history`: True after `join_other_history()`, when the editor has left its history for that of the server."""
+
     project: str
     epoch: int
     revision: int
     resumed: bool
+    store: str = ""
+    left_history: bool = False
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,9 +86,15 @@ class Joined:
 
 @dataclasses.dataclass(frozen=True)
 class JoinFailed:
+    """A layer that a stage uses could not be joined. It has no content and refuses edits. Unless the project does not have
+    it (`layerNotFound`), it is joined again in pauses of some seconds, and becomes live when its file is mended."""
+
     layer: str
     code: str
     message: str
+
+    def __str__(self) -> str:
+        return f"{self.layer} has no content here and refuses edits: {self.message}"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -107,7 +118,8 @@ class LayerOpenFailed:
 @dataclasses.dataclass(frozen=True)
 class Unsent:
     """Edits that the server has not acknowledged. `time`: of the newest, in seconds since 1970. `file`: the
-    journal that keeps them."""
+    journal that keeps them. `other_project`: they were made in another project of the same name, and cannot be
+    sent to this one."""
 
     id: str
     time: float
@@ -115,6 +127,7 @@ class Unsent:
     edits: int
     layers: tuple[str, ...]
     file: str
+    other_project: bool = False
 
     def __str__(self) -> str:
         ago = max(0.0, time.time() - self.time)
@@ -123,7 +136,8 @@ class Unsent:
                 break
         edits = f"{self.edits} edit" + ("" if self.edits == 1 else "s")
         kept = f"; they are kept in {self.file}" if self.file else ""
-        return f"{edits} of {ago / seconds:.0f} {unit} ago, on {', '.join(self.layers)}, were not sent{kept}"
+        of = " of another project with this name" if self.other_project else ""
+        return f"{edits}{of} of {ago / seconds:.0f} {unit} ago, on {', '.join(self.layers)}, were not sent{kept}"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -155,6 +169,10 @@ class Lost:
     edits: tuple[Edit, ...]
     index: int = 0
     count: int = 1
+
+    def __str__(self) -> str:
+        layers = ", ".join(sorted({edit.layer for edit in self.edits}))
+        return f"edits of {layers or 'a layer'} are not in the project: {self.message}"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -326,6 +344,23 @@ class Presence:
     edit_target: str = ""
     data: str = ""
     colour: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class OtherHistory:
+    """The other history that `Live.other_history` has found: the server has another one than this editor shows. A
+    store is the random identity of a project's history, "" if it is not known. `str()` returns a text for the user that says
+    what was expected and found, and what to do."""
+
+    expected_project: str
+    expected_store: str
+    found_project: str
+    found_store: str
+    other_project: bool  # False: the same project, whose history lacks commits that this editor has received
+    message: str
+
+    def __str__(self) -> str:
+        return self.message
 
 
 @dataclasses.dataclass(frozen=True)

@@ -20,6 +20,7 @@
 #include "Terminal.h"
 #include "Text.h"
 #include "transport/SystemUser.h"
+#include "usdlive/common/core/ErrorPasses.h"
 #include "usdlive/common/layer/GlobalMuteness.h"
 #include "usdlive/common/layer/KitLockMap.h"
 #include "usdlive/common/layer/LayerLock.h"
@@ -300,6 +301,12 @@ Result<bool> editRoot(Link& link, const LayerId& layer, const MakeEdits& makeEdi
             for (const auto& one : events) {
                 if (const auto* lost = std::get_if<event::Lost>(&one)) failed = lost->work.reason;
                 if (const auto* join = std::get_if<event::JoinFailed>(&one)) failed = join->reason;
+                // SE21: an editor waits; a person wants to know.
+                const auto* error = std::get_if<event::ServerError>(&one);
+                const ErrorCode code = error ? toError(error->message).code : ErrorCode::Internal;
+                if (errorPasses(code))
+                    failed = {code, layer.value + " was not changed: " +
+                                        std::string(errorText(code)) + " Try again later"};
             }
             return failed || done();
         });
@@ -517,7 +524,7 @@ Result<void> watch(const Common& options) {
 
     Watcher watcher(**link, CommitView{*layer, kEditsShown, options.json});
     bool lost = false;
-    while (!interrupted) {
+    while (!interrupted && std::cout) {
         const auto events = (*link)->step();
         if (!events) {
             if (!std::exchange(lost, true))

@@ -1,7 +1,9 @@
 // The commands that show composed stages.
 #include "ComposedCommands.h"
 
+#include <cerrno>
 #include <chrono>
+#include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <iostream>
@@ -77,8 +79,26 @@ Result<void> writeText(const std::string& text, const std::string& out) {
     }
     std::ofstream stream(out, std::ios::binary);
     if (!(stream << text << std::flush))
-        return fail(ErrorCode::StorageFailed, "cannot write the file '" + out + "'");
+        return fail(ErrorCode::StorageFailed,
+                    "cannot write the file '" + out + "': " + std::strerror(errno));
     return {};
+}
+
+/// Writes the layer in the format that the name of the file says.
+Result<void> writeLayer(const pxr::SdfLayer& layer, const std::string& out) {
+    std::error_code ignored;
+    const auto status = std::filesystem::status(out, ignored);
+    // Export() replaces what has the name. A pipe or a device is written to, and gets text.
+    if (out.empty() ||
+        (std::filesystem::exists(status) && !std::filesystem::is_regular_file(status))) {
+        std::string text;
+        layer.ExportToString(&text);
+        return writeText(text, out);
+    }
+    const usd::TfComplaints complaints;
+    if (layer.Export(out)) return {};
+    return fail(ErrorCode::StorageFailed, "cannot write the file '" + out +
+                                              "': " + complaints.text("no format has this name"));
 }
 
 Result<void> dumpOne(ComposedOptions options) {
@@ -166,15 +186,7 @@ Result<void> flattenComposed(const ComposedOptions& options) {
     if (!opened) return tl::unexpected(opened.error());
     const auto layer = stage::flatten(**opened);
     for (const auto& error : (*opened)->errors()) std::cerr << error.message << "\n";
-    if (options.out.empty()) {
-        std::string text;
-        layer->ExportToString(&text);
-        return writeText(text, options.out);
-    }
-    const usd::TfComplaints complaints;
-    if (layer->Export(options.out)) return {};
-    return fail(ErrorCode::StorageFailed, "cannot write the file '" + options.out +
-                                              "': " + complaints.text("no format has this name"));
+    return writeLayer(*layer, options.out);
 }
 
 }  // namespace usdlive::cli

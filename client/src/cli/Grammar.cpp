@@ -2,6 +2,7 @@
 #include "Grammar.h"
 
 #include <algorithm>
+#include <filesystem>
 
 #include "Commands.h"
 #include "ComposedCommands.h"
@@ -39,6 +40,11 @@ template <class T>
 T orUsageError(Result<T> result) {
     if (!result) usageError(result.error().message);
     return std::move(*result);
+}
+
+bool isFile(const std::string& path) {
+    std::error_code ignored;
+    return std::filesystem::exists(path, ignored);
 }
 
 /// The number of layers that a verb accepts.
@@ -238,7 +244,7 @@ private:
         const std::string word = words.size() == 1 ? words.front() : std::string();
         const bool isAddress =
             word.starts_with("usdlive://") && word.find('@') != std::string::npos;
-        if (isAddress || (!word.empty() && word.find("://") == std::string::npos)) {
+        if (isAddress || (!word.empty() && !looksLikeAddress(word)) || isFile(word)) {
             if (into.revision != 0 || !into.checkpoint.empty())
                 usageError("a revision belongs to a layer of a server: usdlive " + verb +
                            " URL LAYER");
@@ -291,19 +297,35 @@ private:
                        "Also overwrite changes that others have made to the files");
     }
 
+    static std::string takeLast(Words& words) {
+        std::string last = std::move(words.back());
+        words.pop_back();
+        return last;
+    }
+    /// Throws a usage error if the word looks like an address: a word that is missing or in the
+    /// wrong place must not make a command act on the default server.
+    static void refuseAddress(const std::string& word, const std::string& usage,
+                              const std::string& otherwise) {
+        if (looksLikeAddress(word))
+            usageError("'" + word + "' looks like the address of a server: " + usage + "; " +
+                       otherwise);
+    }
+    /// Reads the words before those that the verb has taken: [URL].
+    static Target serverOnly(const Words& words, const std::string& usage) {
+        Target target = orUsageError(parseTarget(words));
+        if (!target.layers.empty()) usageError("too many words: " + usage);
+        return target;
+    }
+
     void addUpload() {
         const auto read = [](Words words, UploadOptions& into) {
-            if (words.size() < 2)
-                usageError(
-                    "name the file and its path in the project: usdlive upload [URL] FILE "
-                    "PATH");
-            into.path = words.back();
-            words.pop_back();
-            into.file = words.back();
-            words.pop_back();
-            into.target = orUsageError(parseTarget(words));
-            if (!into.target.layers.empty())
-                usageError("too many words: usdlive upload [URL] FILE PATH");
+            const std::string usage = "usdlive upload [URL] FILE PATH";
+            if (words.size() < 2) usageError("name the file and its path in the project: " + usage);
+            into.path = takeLast(words);
+            into.file = takeLast(words);
+            for (const std::string& word : {into.file, into.path})
+                refuseAddress(word, usage, "./" + word + " is a file of this name");
+            into.target = serverOnly(words, usage);
         };
         auto options = std::make_shared<UploadOptions>();
         auto* verb = add("upload", "Add a file to the project that is no layer, such as a texture",
@@ -313,12 +335,15 @@ private:
     }
 
     void addCheckpoint() {
-        // The last word is the name, which may contain a colon like a URL.
         const auto read = [](Words words, CheckpointOptions& into) {
-            if (words.empty()) usageError("name the checkpoint: usdlive checkpoint [URL] NAME");
-            into.name = words.back();
-            words.pop_back();
-            into.target = orUsageError(parseTarget(words));
+            const std::string usage = "usdlive checkpoint [URL] NAME";
+            if (words.empty()) usageError("name the checkpoint: " + usage);
+            into.name = takeLast(words);
+            // After a URL, a name may look like one.
+            if (words.empty() || !looksLikeAddress(words.front()))
+                refuseAddress(into.name, usage,
+                              "to give a checkpoint this name, write the URL before it");
+            into.target = serverOnly(words, usage);
         };
         add("checkpoint", "Give the current revision a name; see cat --checkpoint", "[URL] NAME",
             std::make_shared<CheckpointOptions>(), read, createCheckpoint);
@@ -463,7 +488,8 @@ std::unique_ptr<CLI::App> createGrammar(Command& chosen) {
         "default\n"
         "is USDLIVE_URL, or ws://127.0.0.1:7447. USDLIVE_USER is the default of --user.\n"
         "See usdlive help VERB for the options of a verb.\n\n"
-        "Exit codes: 0: success; 1: failed, completely or in part; 2: wrong usage.\n");
+        "Exit codes: 0: success; 1: failed, completely or in part, or the output could not be\n"
+        "written; 2: wrong usage.\n");
     Grammar(*app, chosen).addVerbs();
     return app;
 }

@@ -8,6 +8,7 @@
 
 #include "ProgressBar.h"
 #include "Text.h"
+#include "usdlive/common/core/ClientSecret.h"
 
 namespace usdlive::cli {
 
@@ -23,7 +24,8 @@ constexpr milliseconds kUploadPause{2};
 
 client::Session::Options sessionOptions(UserName user) {
     client::Session::Options options;
-    options.client = client::newClientId();
+    options.secret = newClientSecret();
+    options.client = clientIdOf(*options.secret);
     options.user = std::move(user);
     options.application = "usdlive command line";
     std::erase(options.features, "conflation");  // because every commit is printed

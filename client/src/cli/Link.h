@@ -73,7 +73,7 @@ private:
     Link(std::unique_ptr<client::Connection> connection, UserName user);
 
     void send(SharedBytes frames) override;
-    bool takesMore() override { return connection_->queuedBytes() < client::kMaxQueuedBytes; }
+    std::size_t bulkBytes() override { return connection_->bulkBytes(); }
     void blobStored(const Hash& hash) override {
         if (uploads_) uploads_->blobStored(hash);
     }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "transport/Connection.h"
@@ -15,10 +16,14 @@ struct Target {
     std::vector<LayerId> layers;
 };
 
-/// Reads `[URL] [LAYER...]`. The first word is the server if it contains a colon, which no layer
-/// name does. The default server is USDLIVE_URL, or ws://127.0.0.1:7447. A layer in the URL becomes
-/// the first layer. If the URL has a path of several parts, asks the server whether the first is
-/// one of its projects. Error: InvalidArgument names the wrong word.
+/// Returns true if the word is meant as the address of a server: it has `://`, or a colon after a
+/// text that can be a host. No layer name has a colon.
+[[nodiscard]] bool looksLikeAddress(std::string_view word);
+
+/// Reads `[URL] [LAYER...]`. The first word is the server if it contains a colon. The default
+/// server is USDLIVE_URL, or ws://127.0.0.1:7447. A layer in the URL becomes the first layer. If
+/// the URL has a path of several parts, asks the server whether the first is one of its projects.
+/// Error: InvalidArgument names the wrong word.
 [[nodiscard]] Result<Target> parseTarget(const std::vector<std::string>& words);
 
 /// Returns the default server.

@@ -3,12 +3,15 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <csignal>
 #include <iostream>
 #include <string_view>
 
 #include "Commands.h"
 #include "Grammar.h"
+#include "StandardOutput.h"
 #include "Terminal.h"
+#include "usdlive/common/core/StandardDescriptors.h"
 
 using namespace usdlive;
 
@@ -53,9 +56,7 @@ int completion(const CLI::App& app, int argc, char** argv) {
     return 0;
 }
 
-}  // namespace
-
-int main(int argc, char** argv) {
+int run(int argc, char** argv) {
     cli::Command chosen;
     const auto app = cli::createGrammar(chosen);
     const std::string_view verb = argc > 1 ? argv[1] : "--help";
@@ -83,6 +84,17 @@ int main(int argc, char** argv) {
                       kUsageError);
     }
     const auto done = chosen();
-    std::cout.flush();
     return done ? 0 : failed(done.error().message);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+    reserveStandardDescriptors();
+    // A pipe that is closed is an error of write(), which does not end the work on the server.
+    std::signal(SIGPIPE, SIG_IGN);
+    cli::StandardOutput output;
+    const int code = run(argc, argv);
+    const auto written = output.finish();
+    return written ? code : failed(written.error().message);
 }

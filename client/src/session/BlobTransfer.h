@@ -15,8 +15,35 @@
 
 namespace usdlive::client {
 
-/// Makes the chunk of a big value that begins at `offset`.
-[[nodiscard]] BlobFrame blobPart(const Hash& hash, const Bytes& bytes, std::uint64_t offset);
+/// Makes the chunk of a big value that begins at `offset`, of at most `most` bytes.
+[[nodiscard]] BlobFrame blobPart(const Hash& hash, const Bytes& bytes, std::uint64_t offset,
+                                 std::size_t most);
+
+/// The latest parts of big values that were sent on a connection. When it is lost, they say where
+/// to continue (TL2).
+class SentParts {
+public:
+    /// A part was sent as a frame of `frameBytes`.
+    void add(const Hash& hash, std::uint64_t offset, std::size_t frameBytes);
+    /// Returns for each value the first part among the last `unconfirmed` bytes that were sent;
+    /// nothing for values without one.
+    [[nodiscard]] std::map<Hash, std::uint64_t> firstOf(std::size_t unconfirmed) const;
+    /// Returns the offset of the last part of the value, or 0.
+    [[nodiscard]] std::uint64_t lastOf(const Hash& hash) const;
+    void clear();
+
+private:
+    struct Part {
+        Hash hash;
+        std::uint64_t offset = 0;
+        std::size_t frameBytes = 0;
+    };
+    /// More than this is never on the way (BulkWindow::kMost).
+    static constexpr std::size_t kKeptBytes = 8 * 1024 * 1024;
+
+    std::deque<Part> parts_;
+    std::size_t bytes_ = 0;
+};
 
 /// Uploads big values to the server (V9), chunk by chunk between other messages. Keeps only the
 /// hash of those that wait; the host has the bytes.
@@ -28,7 +55,7 @@ public:
     [[nodiscard]] bool ready(const std::vector<Value>& blobs);
     /// Removes uploads that have not begun and that no ready() has named since the last call.
     void dropUnwanted();
-    /// Sends up to `chunks` chunks.
+    /// Sends up to `chunks` chunks, as many as the host takes.
     void send(std::size_t chunks, std::int64_t nowMs);
 
     /// Returns the progress of the uploads every kReportEveryMs, first when they have taken so
@@ -43,10 +70,9 @@ public:
     void refused(const Hash& hash, ErrorCode why, std::int64_t nowMs);
     /// Called when the server does not have a value that counted as stored.
     void forget(const Hash& hash) { stored_.erase(hash); }
-    void disconnected() {
-        uploads_.clear();
-        reportedMs_.reset();
-    }
+    /// Called when the connection is lost. The next one continues the uploads before the last
+    /// `unconfirmed` bytes that were sent (TL2).
+    void disconnected(std::size_t unconfirmed);
 
 private:
     struct Upload {
@@ -54,6 +80,7 @@ private:
         std::uint64_t size = 0;
         SharedBytes bytes = nullptr;  ///< while parts of it are sent
         std::uint64_t offset = 0;
+        bool begun = false;  ///< a part was sent on this connection
         bool sent = false;   ///< completely; the answer is pending
         bool wanted = true;  ///< named by a ready() since the last dropUnwanted()
         int mismatches = 0;
@@ -62,11 +89,15 @@ private:
     static constexpr std::int64_t kAgainMs = 1'000;
     static constexpr std::int64_t kReportEveryMs = 500;
     static constexpr int kMaxMismatches = 5;
+    static constexpr std::size_t kMostInterrupted = 1'000;
 
     [[nodiscard]] Upload* find(const Hash& hash);
+    [[nodiscard]] std::uint64_t beginning(const Hash& hash) const;
 
     SessionHost& host_;
     std::deque<Upload> uploads_;
+    SentParts parts_;
+    std::map<Hash, std::uint64_t> interrupted_;  ///< offsets at which these uploads continue
     std::optional<std::int64_t>
         reportedMs_;  ///< time of the last report or of the start; nothing: no uploads
     std::uint64_t storedBytes_ = 0;  ///< size of the completed uploads since the start
@@ -97,6 +128,16 @@ public:
     /// needed.
     [[nodiscard]] std::vector<Hash> due(std::int64_t nowMs,
                                         const std::function<bool(const Hash&)>& needed);
+    /// Called when a part has arrived; `bytes` of the value are here.
+    void progressed(const Hash& hash, std::uint64_t bytes) {
+        if (const auto found = wanted_.find(hash); found != wanted_.end())
+            found->second.here = bytes;
+    }
+    /// Returns the bytes of the value that are here, from which on it is requested (TL3).
+    [[nodiscard]] std::uint64_t here(const Hash& hash) const {
+        const auto found = wanted_.find(hash);
+        return found == wanted_.end() ? 0 : found->second.here;
+    }
     /// Called when the connection is lost. The next one requests all lasting values again.
     void disconnected();
 
@@ -106,6 +147,7 @@ private:
         bool asked = false;
         int failures = 0;
         std::int64_t notBeforeMs = 0;
+        std::uint64_t here = 0;  ///< bytes
     };
     static constexpr std::int64_t kFirstPauseMs = 100, kLongestPauseMs = 10'000;
 

@@ -2,6 +2,7 @@
 #include "session/MessageReader.h"
 
 #include "usdlive/common/core/Overloaded.h"
+#include "usdlive/common/protocol/ServerControl.h"
 #include "usdlive/common/protocol/Snapshot.h"
 
 namespace usdlive::client {
@@ -11,6 +12,8 @@ namespace {
 // More than any session requests at the same time.
 constexpr std::size_t kMaxArriving = 10'000;
 constexpr std::size_t kEditBytes = 256;  // without its texts and values, estimated
+// The connections that an incomplete big value outlives without another part.
+constexpr int kMostConnections = 8;
 
 }  // namespace
 
@@ -51,8 +54,14 @@ private:
     std::shared_ptr<SnapshotPart> part_;
 };
 
-MessageReader::MessageReader() = default;
+MessageReader::MessageReader(BegunBlobs begun) : blobs_(std::move(begun)) {}
 MessageReader::~MessageReader() = default;
+
+MessageReader::BegunBlobs MessageReader::takeBegun() {
+    for (auto entry = blobs_.begin(); entry != blobs_.end();)
+        entry = ++entry->second.connections > kMostConnections ? blobs_.erase(entry) : ++entry;
+    return std::exchange(blobs_, {});
+}
 
 ReceivedMessage MessageReader::read(ByteView message) {
     ReceivedMessage received{{}, message.size()};
@@ -75,6 +84,7 @@ ReceivedMessage MessageReader::read(ByteView message) {
 }
 
 Result<std::optional<Received>> MessageReader::readFrame(ByteView encoded, std::size_t& bytes) {
+    if (isCompact(encoded)) return readCompact(encoded, bytes);
     auto frame = decodeFrame(encoded);
     if (!frame) return tl::unexpected(frame.error());
     return std::visit(
@@ -98,7 +108,7 @@ Result<std::optional<Received>> MessageReader::readFrame(ByteView encoded, std::
                        return std::move(preview);
                    },
                    [&](BlobFrame& part) -> Result<std::optional<Received>> {
-                       return ReceivedBlob{part.hash, readBlob(part)};
+                       return ReceivedBlob{part.hash, readBlob(part), part.offset + part.rawBytes};
                    },
                    [](SubmitFrame&) -> Result<std::optional<Received>> {
                        return fail(ErrorCode::UnknownFrame, "a server does not submit");
@@ -107,6 +117,28 @@ Result<std::optional<Received>> MessageReader::readFrame(ByteView encoded, std::
                        return std::move(refusal);
                    }},
         *frame);
+}
+
+Result<std::optional<Received>> MessageReader::readCompact(ByteView encoded, std::size_t& bytes) {
+    auto content = compact_.read(encoded);
+    if (!content) return tl::unexpected(content.error());
+    return std::visit(
+        Overloaded{[](std::monostate) -> Result<std::optional<Received>> { return std::nullopt; },
+                   [&](CompactCommit& compact) -> Result<std::optional<Received>> {
+                       bytes += kEditBytes * compact.commit.edits.size();
+                       return ReceivedCommit{std::move(compact.commit), compact.hashAfter, true};
+                   },
+                   [](Acceptance& acceptance) -> Result<std::optional<Received>> {
+                       return std::move(acceptance);
+                   },
+                   [&](PreviewFrame& preview) -> Result<std::optional<Received>> {
+                       bytes += kEditBytes * preview.edits.size();
+                       return std::move(preview);
+                   },
+                   [](SubmitFrame&) -> Result<std::optional<Received>> {
+                       return fail(ErrorCode::UnknownFrame, "a server does not submit");
+                   }},
+        *content);
 }
 
 Result<std::optional<Received>> MessageReader::readCommit(CommitFrame& frame, ByteView encoded) {
@@ -124,7 +156,7 @@ Result<std::optional<Received>> MessageReader::readCommit(CommitFrame& frame, By
 }
 
 Result<Received> MessageReader::readControl(const ControlFrame& control) {
-    auto message = decodeControl(control.json);
+    auto message = decodeServerControl(control.json);
     if (!message) return tl::unexpected(message.error());
     if (const auto* welcome = std::get_if<Welcome>(&*message))
         maxBlobBytes_ = welcome->maxBlobBytes;
@@ -143,17 +175,19 @@ Result<ReceivedSnapshot> MessageReader::readSnapshot(const SnapshotFrame& chunk)
 
 Result<SharedBytes> MessageReader::readBlob(const BlobFrame& part) {
     const auto entry = blobs_.try_emplace(part.hash).first;
-    auto whole = add(part, entry->second);
+    entry->second.connections = 0;
+    auto whole = add(part, entry->second.bytes);
     if (!whole || *whole) blobs_.erase(entry);
     return whole;
 }
 
 Result<SharedBytes> MessageReader::add(const BlobFrame& part, Bytes& bytes) const {
-    if (part.size > maxBlobBytes_ || part.offset != bytes.size() ||
+    if (part.size > maxBlobBytes_ || part.offset > bytes.size() ||
         part.rawBytes > part.size - part.offset || blobs_.size() > kMaxArriving)
         return fail(ErrorCode::BlobMismatch, "parts of " + part.hash.hex() + " do not fit");
     const auto raw = inflate(part.data, part.rawBytes, kChunkBytes);
     if (!raw) return tl::unexpected(raw.error());
+    bytes.resize(part.offset);  // the session may not have seen the last parts before a cut
     bytes.reserve(part.size);
     bytes.insert(bytes.end(), raw->begin(), raw->end());
     if (bytes.size() < part.size) return nullptr;

@@ -11,6 +11,7 @@
 
 #include "usdlive/common/core/Bytes.h"
 #include "usdlive/common/layer/LayerDoc.h"
+#include "usdlive/common/protocol/CompactFrame.h"
 #include "usdlive/common/protocol/Control.h"
 #include "usdlive/common/protocol/Frame.h"
 #include "usdlive/common/protocol/FrameParts.h"
@@ -40,6 +41,9 @@ struct SnapshotPart {
 struct ReceivedCommit {
     Commit commit;
     Hash hashAfter;  ///< chain hash (CH1) after it, computed from the previous hash that it names
+    /// From a compact frame (FR9): `hashAfter` was sent, and the commit names only the beginning of
+    /// the previous hash.
+    bool isCompact = false;
 };
 struct ReceivedSnapshot {
     std::uint64_t request = 0;
@@ -53,10 +57,11 @@ struct ReceivedBlob {
     /// The value, with the last chunk; nullptr before. BlobMismatch: its bytes do not have this
     /// hash; they are dropped.
     Result<SharedBytes> whole;
+    std::uint64_t bytes = 0;  ///< bytes of the value that are here with this chunk
 };
 /// A decoded frame of the server.
-using Received = std::variant<ControlMessage, ReceivedCommit, RefusalFrame, PreviewFrame,
-                              ReceivedSnapshot, ReceivedBlob>;
+using Received = std::variant<ControlMessage, ReceivedCommit, Acceptance, RefusalFrame,
+                              PreviewFrame, ReceivedSnapshot, ReceivedBlob>;
 
 struct ReceivedMessage {
     /// In order. An error is the last one: MalformedFrame, InvalidValue ..., or UnknownFrame for a
@@ -69,24 +74,35 @@ struct ReceivedMessage {
 /// not the editor's thread. Used by one thread.
 class MessageReader {
 public:
-    MessageReader();
+    /// Incomplete big values. The next connection's reader continues them (TL3).
+    struct Begun {
+        Bytes bytes;
+        int connections = 0;  ///< so many have brought no part of it
+    };
+    using BegunBlobs = std::map<Hash, Begun>;
+
+    explicit MessageReader(BegunBlobs begun = {});
     ~MessageReader();
+    /// Returns the incomplete values. Those that nobody continues are dropped after a while.
+    [[nodiscard]] BegunBlobs takeBegun();
     [[nodiscard]] ReceivedMessage read(ByteView message);
 
 private:
     class Snapshot;
 
-    /// Returns nothing for a part of a commit (FR8) that is not the last one.
+    /// Returns nothing for a part of a commit (FR8) that is not the last one, and for names (FR10).
     Result<std::optional<Received>> readFrame(ByteView frame, std::size_t& bytes);
+    Result<std::optional<Received>> readCompact(ByteView frame, std::size_t& bytes);
     Result<std::optional<Received>> readCommit(CommitFrame& frame, ByteView encoded);
     Result<Received> readControl(const ControlFrame& control);
     Result<ReceivedSnapshot> readSnapshot(const SnapshotFrame& chunk);
     Result<SharedBytes> readBlob(const BlobFrame& part);
     Result<SharedBytes> add(const BlobFrame& part, Bytes& bytes) const;
 
+    CompactReader compact_;
     // Incomplete ones.
     std::map<std::uint64_t, std::unique_ptr<Snapshot>> snapshots_;  // by request
-    std::map<Hash, Bytes> blobs_;
+    BegunBlobs blobs_;
     std::optional<CommitParts> commit_;
     std::uint64_t maxBlobBytes_ = 0;  // the limit in the welcome
 };

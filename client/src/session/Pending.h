@@ -35,6 +35,8 @@ struct Pending {
     std::vector<Value> blobs;  ///< big values that it names
     bool sent = false;         ///< on this connection
     bool everSent = false;     ///< under its present number
+    /// Its edits have other addresses than those that were sent (FR11).
+    bool changedSince = false;
     std::size_t sentBytes = 0;
     int attempts = 0;  ///< how often the session has corrected and sent it again
     /// While the client joins another history (HistoryDiverged): its edits with their paths in the

@@ -146,6 +146,7 @@ void PendingTransactions::rebase(Pending& pending, Revision base) {
 
 void PendingTransactions::markSent(Pending& pending, std::size_t bytes) {
     pending.sent = pending.everSent = true;
+    pending.changedSince = false;
     pending.sentBytes = bytes;
     ++sent_;
 }

@@ -54,6 +54,7 @@ public:
     [[nodiscard]] auto begin() const { return pending_.begin(); }
     [[nodiscard]] auto end() const { return pending_.end(); }
     [[nodiscard]] Pending& operator[](std::size_t index) { return pending_[index]; }
+    [[nodiscard]] std::size_t sent() const { return sent_; }
     [[nodiscard]] std::size_t unsent() const { return pending_.size() - sent_; }
     [[nodiscard]] bool touches(const LayerId& layer) const { return edits_.contains(layer); }
     /// The oldest base of these transactions, or `otherwise`.

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <chrono>
-#include <random>
 
 #include "SessionImpl.h"
 
@@ -30,7 +29,7 @@ Session::Impl::Impl(Options options, SessionHost& host, LayerView& editor)
 }
 
 void Session::Impl::reportPending(const Pending& pending) {
-    host_.pending({pending.transaction.id.sequence, revision_, hash_, pending.authored});
+    host_.pending({pending.transaction.id.sequence, revision_, hash_, store_, pending.authored});
 }
 
 void Session::Impl::report(Error error, ErrorMessage about) {
@@ -100,8 +99,14 @@ Session::Session(Options options, SessionHost& host, LayerView& view)
 Session::~Session() = default;
 
 void Session::connected() { impl_->connected(); }
-void Session::disconnected(Error reason) { impl_->disconnected(std::move(reason)); }
+void Session::disconnected(Error reason, std::size_t unconfirmed) {
+    impl_->disconnected(std::move(reason), unconfirmed);
+}
+std::size_t Session::unconfirmed() const { return impl_->unconfirmed_; }
 void Session::received(ReceivedMessage message) { impl_->received(std::move(message)); }
+
+const std::optional<OtherHistory>& Session::otherHistory() const { return impl_->other_; }
+Result<void> Session::joinOtherHistory() { return impl_->joinOtherHistory(); }
 
 void Session::openLayer(const LayerId& layer) { impl_->openLayer(layer); }
 void Session::closeLayer(const LayerId& layer) { impl_->closeLayer(layer); }
@@ -132,7 +137,9 @@ std::vector<Event> Session::takeEvents() { return std::exchange(impl_->events_, 
 bool Session::isConnected() const { return impl_->online_; }
 Revision Session::revision() const { return impl_->revision_; }
 const std::map<LayerId, LayerState>& Session::layerStates() const { return impl_->layerStates_; }
-void Session::showPresence(Presence presence) { impl_->showPresence(std::move(presence)); }
+Result<void> Session::showPresence(Presence presence) {
+    return impl_->showPresence(std::move(presence));
+}
 void Session::hidePresence() { impl_->hidePresence(); }
 const std::map<ClientId, Presence>& Session::presences() const { return impl_->presences_; }
 std::size_t Session::pendingTransactions() const {
@@ -143,13 +150,5 @@ const std::optional<Welcome>& Session::welcome() const { return impl_->welcome_;
 const ClientId& Session::id() const { return impl_->options_.client; }
 void Session::requestBlob(const Hash& hash) { impl_->requestBlob(hash); }
 std::set<Hash> Session::namedBlobs() const { return impl_->namedBlobs(); }
-
-ClientId newClientId() {
-    static constexpr char kDigits[] = "0123456789abcdef";
-    std::random_device random;
-    ClientId id;
-    while (id.value.size() < 32) id.value += kDigits[random() & 15];
-    return id;
-}
 
 }  // namespace usdlive::client

@@ -27,6 +27,7 @@ struct PendingWork {
     std::uint64_t sequence = 0;
     Revision revision = 0;  ///< revision of the confirmed layers when it was submitted
     Hash hash;              ///< the chain hash of that revision
+    StoreId store;          ///< the identity of the project's store (ID1); empty: unknown
     const std::vector<AuthoredEdit>& edits;
 };
 
@@ -36,9 +37,9 @@ public:
     virtual ~SessionHost() = default;
     /// Sends encoded frames, in order. Called between connected() and disconnected().
     virtual void send(SharedBytes frames) = 0;
-    /// Returns false while the connection is behind: parts of big values then wait. Other frames
-    /// are sent nevertheless.
-    [[nodiscard]] virtual bool takesMore() { return true; }
+    /// Returns the size of the next part of a big value, before compression; 0 while the connection
+    /// is behind: such parts then wait, and other frames are sent nevertheless.
+    [[nodiscard]] virtual std::size_t bulkBytes() { return kChunkBytes; }
     /// Returns the bytes of a big value that the editor authored; nullptr if they are not here.
     [[nodiscard]] virtual SharedBytes localBlob(const Hash& hash) = 0;
     /// Returns whether localBlob() has the value. Cheap.
@@ -88,7 +89,8 @@ public:
 class Session {
 public:
     struct Options {
-        ClientId client;  ///< see newClientId()
+        ClientId client;                  ///< clientIdOf() of the secret
+        std::optional<Hash> secret = {};  ///< newClientSecret(); without it the id proves nothing
         UserName user;
         std::string application;
         /// Number of transactions that are kept until they can be sent. author() loses what is
@@ -116,9 +118,23 @@ public:
 
     // The owner of the connection reports about it. Each connection is new; the session resumes.
     void connected();
-    void disconnected(Error reason);
+    /// `unconfirmed`: the bytes that were passed to SessionHost::send() and perhaps did not arrive.
+    /// Uploads continue before them (TL2).
+    void disconnected(Error reason, std::size_t unconfirmed = kAllUnconfirmed);
+    static constexpr std::size_t kAllUnconfirmed = ~std::size_t(0);
+    /// Returns that number of the last disconnected().
+    [[nodiscard]] std::size_t unconfirmed() const;
     /// Queues a message that this connection's MessageReader has read. Cheap.
     void received(ReceivedMessage message);
+
+    /// ID2: set while the session has stopped because the server has another history. Nothing is
+    /// sent; each further connection compares again.
+    [[nodiscard]] const std::optional<OtherHistory>& otherHistory() const;
+    /// ID4: joins that history with the next connection, if it is still the one that was found.
+    /// What the editor was told is committed and the history lacks becomes lost work; so does
+    /// unsent work if it is another project's. Error: InvalidArgument (the session has not
+    /// stopped).
+    Result<void> joinOtherHistory();
 
     // Layers.
     void openLayer(const LayerId& layer);
@@ -147,7 +163,8 @@ public:
     [[nodiscard]] const std::map<LayerId, LayerState>& layerStates() const;
 
     // Presence (PS1-PS3). Others see it within a tenth of a second while there is a connection.
-    void showPresence(Presence presence);
+    /// Errors: those of encodeChecked() and checkPresence(). The presence shown before stays.
+    Result<void> showPresence(Presence presence);
     void hidePresence();
     /// Presences of others.
     [[nodiscard]] const std::map<ClientId, Presence>& presences() const;
@@ -189,8 +206,5 @@ private:
     class Impl;
     std::unique_ptr<Impl> impl_;
 };
-
-/// 32 hexadecimal digits from the system's random source.
-[[nodiscard]] ClientId newClientId();
 
 }  // namespace usdlive::client

@@ -14,6 +14,9 @@ constexpr Revision kPrunedAtOnce = 64;
 // How often a refused transaction is corrected and sent again before it is lost.
 constexpr int kMaxAttempts = 5;
 
+// Pauses before transactions are sent again that were refused for a reason that passes (SE21).
+constexpr std::int64_t kFirstPauseMs = 500, kLongestPauseMs = 4'000;
+
 // Number of own structural edits that are committed before the prediction is computed again, which
 // drops its notes about them.
 constexpr std::size_t kAnsweredKept = 4'096;
@@ -138,6 +141,7 @@ void Session::Impl::applyToEditor(const Commit& commit, bool own, Prediction* cu
 void Session::Impl::acknowledge(const Commit& commit, Prediction* current) {
     const auto pending = pending_.take(commit.id.sequence);
     if (!pending) return;
+    held_.reset();
     if (current) current->acknowledge(commit.id.sequence, pending->prognosis);
     if (rebuild_) --rebuild_->done;
     for (const Value& blob : pending->blobs) uploads_.stored(blob.hash());
@@ -198,6 +202,24 @@ bool Session::Impl::resubmit(std::uint64_t sequence) {
     pending->everSent = false;  // the server does not have it
     restartPrediction();
     return true;
+}
+
+// SE21: the transaction stays pending. The server also refuses all later ones until one of the
+// refused ones is sent again, so that their order is kept.
+void Session::Impl::hold(std::uint64_t sequence, const Error& reason) {
+    Pending* pending = pending_.find(sequence);
+    if (!pending) return;
+    pending_.markUnsent(*pending);
+    pending->everSent = false;  // the server does not have it
+    if (!held_)
+        report({reason.code, reason.message +
+                                 ". What you wrote is kept, and is sent again when this has "
+                                 "passed"});
+    else if (!held_->tried)
+        return;  // it was sent before the first refusal arrived
+    const std::int64_t pause =
+        held_ ? std::min(2 * held_->pauseMs, kLongestPauseMs) : kFirstPauseMs;
+    held_ = Held{pause, nowMs_ + pause};
 }
 
 void Session::Impl::prune() {

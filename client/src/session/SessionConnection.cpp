@@ -2,6 +2,7 @@
 #include <algorithm>
 
 #include "SessionImpl.h"
+#include "usdlive/common/core/ErrorPasses.h"
 
 namespace usdlive::client {
 
@@ -9,15 +10,31 @@ namespace {
 
 constexpr std::string_view kPreviewValues = "previewValues";
 
-// SE3: another server, or a store that was deleted or restored from a copy.
-Error otherHistory(Epoch epoch, Epoch seen) {
+std::string named(const std::string& project, const StoreId& store) {
+    return "\"" + project + "\" (store " + (store.empty() ? "unknown" : store.value.substr(0, 8)) +
+           ")";
+}
+
+// ID2: another project, or a store that was restored from a copy. Names no revisions, so that the
+// same situation is reported once.
+Error explained(const OtherHistory& other) {
+    const std::string expected = named(other.expectedProject, other.expectedStore);
+    const std::string what =
+        other.isOtherProject()
+            ? "it serves another project, " + named(other.foundProject, other.foundStore) +
+                  ", and this editor has " + expected +
+                  " open. Another folder is served at this address, or the project's .usdlive was "
+                  "deleted. Nothing was sent. Serve the right one again, and work continues"
+            : "commits of " + expected +
+                  " that this editor has received are not in it. The project's .usdlive was "
+                  "replaced by an older one or by another copy. Nothing was sent. Put the right "
+                  "one back and start the server again, and work continues";
     return {ErrorCode::HistoryDiverged,
-            "the server has another history than this editor: its epoch is " +
-                std::to_string(epoch) + ", and this editor has seen " + std::to_string(seen) +
-                ". The project's .usdlive was deleted or replaced by an older one, or another "
-                "server answers at this address. Put .usdlive back and start the server again, or "
-                "close this connection and connect again: what was not sent is kept, and "
-                "unsent_work() shows it"};
+            "the server has another history than this editor: " + what +
+                "; or close this connection and connect again: what was not sent is kept, and "
+                "unsent_work() shows it; or call join_other_history(): what the server lacks " +
+                (other.isOtherProject() ? "and what was not sent become lost work"
+                                        : "becomes lost work, and what was not sent is sent")};
 }
 
 std::string lostBefore(const Error& reason) {
@@ -39,27 +56,30 @@ void Session::Impl::connected() {
     requests_.endAll("another connection took the place of the one that was to answer");
     linked_ = true;
     forgotten_.reset();
-    notResumed_.reset();
+    diverged_ = false;
     inbox_.clear();
+    takesCompact_ = false;
+    names_ = {};
+    namesSent_ = {};
     Hello hello{.protocol = kProtocolVersion,
                 .oldestProtocol = kOldestProtocolVersion,
                 .features = options_.features,
                 .client = options_.client,
                 .user = options_.user,
                 .application = options_.application,
+                .secret = options_.secret,
                 .resume = {},
                 .open = {}};
     if (hasHistory_) {
-        saidSince_ = hasUnanswered();
-        hello.resume = saidSince_ ? unanswered_->since : here();
+        hello.resume = Hello::Resume{commitEpoch_, revision_, hash_};
+        if (!store_.empty()) hello.resume->store = store_;
+        if (hasUnanswered()) hello.resume->unansweredSince = unanswered_->since;
         hello.open.emplace();
         for (const auto& [layer, opened] : layers_)
             if (opened.wanted && !opened.joining) hello.open->push_back(layer);
     }
     sendControl(hello);
 }
-
-Hello::Resume Session::Impl::here() const { return {commitEpoch_, revision_, hash_}; }
 
 bool Session::Impl::hasUnanswered() const {
     return unanswered_ && std::ranges::any_of(pending_, [&](const Pending& pending) {
@@ -71,10 +91,10 @@ void Session::Impl::noteUnanswered() {
     std::uint64_t last = 0;
     for (const Pending& pending : pending_)
         if (pending.everSent) last = std::max(last, pending.transaction.id.sequence);
-    if (last != 0) unanswered_ = {hasUnanswered() ? unanswered_->since : here(), last};
+    if (last != 0) unanswered_ = {hasUnanswered() ? unanswered_->since : revision_, last};
 }
 
-void Session::Impl::disconnected(Error reason) {
+void Session::Impl::disconnected(Error reason, std::size_t unconfirmed) {
     const bool wasLinked = std::exchange(linked_, false);
     online_ = false;
     restartJoins(layers_);
@@ -84,12 +104,14 @@ void Session::Impl::disconnected(Error reason) {
         const auto* error = control ? std::get_if<ErrorMessage>(control) : nullptr;
         if (!error || (error->request && requests_.end(*error->request, tl::unexpected(*error))))
             continue;
+        if (error->closing) noteRefusedPresence(toError(*error).code);
         events_.push_back(event::ServerError{*error});
     }
     pending_.markAllUnsent();
     sending_.reset();
+    held_.reset();
     if (gesture_) gesture_->disconnected();
-    uploads_.disconnected();
+    uploads_.disconnected(unconfirmed_ = unconfirmed);
     downloads_.disconnected();
     forgetOthers();
     requests_.endAll(lostBefore(reason));
@@ -136,19 +158,25 @@ void Session::Impl::handle(ControlMessage&& message) {
 }
 
 void Session::Impl::on(const Welcome& message) {
-    if (message.epoch < epoch_) return protocolFault(otherHistory(message.epoch, epoch_));
-    if (auto why = std::exchange(notResumed_, std::nullopt))
-        events_.push_back(event::ServerError{*std::move(why)});
+    bool leaves = false;
+    if (auto other = compareHistory(message)) {
+        other_ = std::move(other);
+        if (accepted_ != other_->foundStore) return protocolFault(other_->reason);
+        leaves = !message.resumed;
+        if (leaves) abandonHistory(*other_);
+    }
+    other_.reset();
+    accepted_.reset();
     welcome_ = message;
     epoch_ = message.epoch;
+    store_ = message.store.value_or(store_);
     online_ = true;
     takesPreviewValues_ = std::ranges::count(message.features, kPreviewValues) > 0;
     takesParts_ = std::ranges::count(message.features, kPartsFeature) > 0;
+    takesCompact_ = std::ranges::count(message.features, kCompactFeature) > 0;
     layerStates_.clear();  // the server sends them again
-    // The hello named an older revision than the one that the client has.
-    const bool resumed = message.resumed && !std::exchange(saidSince_, false);
-    if (!resumed && forgotten_) loseSent(*forgotten_);
-    if (!resumed) {
+    if (!message.resumed) {
+        if (forgotten_) loseSent(*forgotten_);
         if (hasHistory_) {
             noteUnanswered();
             freeze();
@@ -163,7 +191,49 @@ void Session::Impl::on(const Welcome& message) {
     for (Missed& missed : missed_) missed.asked = false;
     readMissed();
     if (gesture_) gesture_->changed = !gesture_->pending.authored.empty();
-    events_.push_back(event::Connected{message, resumed});
+    events_.push_back(event::Connected{message, message.resumed, leaves});
+}
+
+// ID2: returns how the history of the server differs from the one that the client has.
+std::optional<OtherHistory> Session::Impl::compareHistory(const Welcome& found) const {
+    if (!hasHistory_) return std::nullopt;
+    OtherHistory other{.expectedProject = welcome_->project,
+                       .foundProject = found.project,
+                       .expectedStore = store_,
+                       .foundStore = found.store.value_or(StoreId{}),
+                       .reason = {}};
+    if (!other.isOtherProject() && !diverged_ && found.epoch >= epoch_) return std::nullopt;
+    other.reason = explained(other);
+    return other;
+}
+
+Result<void> Session::Impl::joinOtherHistory() {
+    if (!other_)
+        return fail(ErrorCode::InvalidArgument,
+                    "the server has no other history than this editor: there is none to join");
+    accepted_ = other_->foundStore;
+    return {};
+}
+
+// ID3, ID4: keeps what the editor was told is committed, until it is known what the joined history
+// lacks of it. Unsent work does not reach another project.
+void Session::Impl::abandonHistory(const OtherHistory& other) {
+    unanswered_.reset();
+    if (!abandoned_) abandoned_.emplace();
+    abandoned_->reason = {ErrorCode::HistoryDiverged,
+                          "it was committed in a history that this editor has left, and " +
+                              named(other.foundProject, other.foundStore) + " lacks it"};
+    for (const auto& [layer, opened] : layers_) {
+        const auto* doc = opened.wanted ? confirmed(layer) : nullptr;
+        if (!doc) doc = view(layer);  // it was being joined again
+        if (doc) abandoned_->docs.try_emplace(layer, *doc);
+    }
+    if (!other.isOtherProject()) return;
+    const Error why{ErrorCode::HistoryDiverged,
+                    "it was not sent to " + named(other.expectedProject, other.expectedStore) +
+                        ", and this editor has joined another project"};
+    if (gesture_) endGesture();
+    while (!pending_.empty()) lose(*pending_.take(pending_.begin()->transaction.id.sequence), why);
 }
 
 // M14: it is unknown whether unanswered transactions are committed.
@@ -188,25 +258,48 @@ void Session::Impl::on(const LayerStates& message) {
 }
 
 void Session::Impl::handle(ReceivedCommit&& received) {
-    const Commit& commit = received.commit;
+    Commit& commit = received.commit;
     if (!logs_.empty() && logs_.front().begun) return logs_.front().each(commit);
     if (!online_ || commit.revision <= revision_ || commit.epoch < commitEpoch_) return;
-    if (commit.revision - commit.conflated != revision_ + 1 || commit.previous != hash_) {
-        hasHistory_ = false;
-        freeze();
+    const bool continues =
+        received.isCompact ? beginsLike(commit.previous, hash_) : commit.previous == hash_;
+    if (commit.revision - commit.conflated != revision_ + 1 || !continues) {
         return protocolFault(
             {ErrorCode::HistoryDiverged,
              "commit " + std::to_string(commit.revision) + " does not follow the one before"});
     }
-    hash_ = received.hashAfter;
+    commit.previous = std::exchange(hash_, received.hashAfter);
     commitEpoch_ = commit.epoch;
     apply(commit);
     events_.push_back(event::Committed{std::move(received.commit), false});
 }
 
+// FR11: the commit has the edits of the own transaction.
+void Session::Impl::handle(Acceptance&& accepted) {
+    if (!online_ || accepted.revision <= revision_) return;
+    const Pending* own = pending_.find(accepted.sequence);
+    if (!own || !own->sent || own->changedSince)
+        return protocolFault(
+            {ErrorCode::NotConnected, "the client connects again to receive the whole commit " +
+                                          std::to_string(accepted.revision)});
+    ReceivedCommit received{{}, accepted.hashAfter, true};
+    Commit& commit = received.commit;
+    commit.revision = accepted.revision;
+    commit.epoch = accepted.epoch;
+    commit.id = own->transaction.id;
+    commit.user = options_.user;
+    commit.timeMs = accepted.timeMs;
+    commit.gesture = own->transaction.gesture;
+    commit.edits = own->transaction.edits;
+    commit.previous = accepted.previous;
+    handle(std::move(received));
+}
+
 bool Session::Impl::isCaughtUp() const { return welcome_ && revision_ >= welcome_->revision; }
 
 void Session::Impl::handle(RefusalFrame&& frame) {
+    if (errorPasses(frame.error.code)) return hold(frame.sequence, frame.error);
+    held_.reset();
     const bool mendable =
         frame.error.code == ErrorCode::StaleBase || frame.error.code == ErrorCode::BlobNotFound;
     if (mendable && resubmit(frame.sequence)) return;

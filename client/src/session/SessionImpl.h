@@ -58,8 +58,9 @@ public:
     Impl(Options options, SessionHost& host, LayerView& editor);
 
     void connected();
-    void disconnected(Error reason);
+    void disconnected(Error reason, std::size_t unconfirmed);
     void received(ReceivedMessage message);
+    Result<void> joinOtherHistory();
 
     void openLayer(const LayerId& layer);
     void closeLayer(const LayerId& layer);
@@ -74,7 +75,7 @@ public:
     void requestBlob(const Hash& hash);
     [[nodiscard]] std::set<Hash> namedBlobs() const;
 
-    void showPresence(Presence presence);
+    Result<void> showPresence(Presence presence);
     void hidePresence();
 
     void author(std::vector<AuthoredEdit> edits);
@@ -91,7 +92,9 @@ public:
     Revision revision_ = 0;
     PendingTransactions pending_;
     std::optional<Gesture> gesture_;
-    bool online_ = false;  ///< the welcome was received
+    bool online_ = false;                ///< the welcome was received
+    std::optional<OtherHistory> other_;  ///< the session has stopped (ID2)
+    std::size_t unconfirmed_ = 0;        ///< see Session::unconfirmed()
     std::map<LayerId, LayerState> layerStates_;
     std::map<ClientId, Presence> presences_;  ///< presences of other clients
 
@@ -137,6 +140,11 @@ private:
     struct Frozen {
         LayerDocs views;
     };
+    // The content that the editor was told is committed, in a history that it has left (ID4).
+    struct Abandoned {
+        LayerDocs docs;
+        Error reason;
+    };
     // The prediction that is being computed, some transactions at a time. Until it is complete, the
     // view is the one before.
     struct Rebuild {
@@ -149,6 +157,12 @@ private:
         std::uint64_t sequence = 0;
         PartsAt at;
     };
+    // SE21: the server has refused own transactions for a reason that passes.
+    struct Held {
+        std::int64_t pauseMs = 0;
+        std::int64_t untilMs = 0;  // nothing is sent before
+        bool tried = false;        // one of them was sent again
+    };
     // Edits of the editor that the view does not have, and that have to be undone there.
     struct Repairs {
         std::set<LayerId> resets;
@@ -158,6 +172,7 @@ private:
     // SessionConnection.cpp, SessionRequests.cpp, SessionPreviews.cpp, SessionSending.cpp
     void handle(ControlMessage&& message);
     void handle(ReceivedCommit&& received);
+    void handle(Acceptance&& accepted);
     void handle(PreviewFrame&& frame);
     void handle(ReceivedSnapshot&& received);
     void handle(RefusalFrame&& frame);
@@ -179,6 +194,9 @@ private:
             requests_.end(message.request, message);
     }
     void loseSent(const Error& why);
+    [[nodiscard]] std::optional<OtherHistory> compareHistory(const Welcome& found) const;
+    void abandonHistory(const OtherHistory& other);
+    void reportAbandoned();
     void readMissed();
     void readMissed(const Missed& missed);
     void protocolFault(Error error);
@@ -187,6 +205,8 @@ private:
     void sendJson(std::string control);
     void sendAll();
     void sendTransactions();
+    template <class Content>
+    [[nodiscard]] Bytes compactFrames(const Content& content, std::uint64_t mostBytes);
     [[nodiscard]] bool sendParts();
     [[nodiscard]] std::uint64_t frameLimit() const;
     [[nodiscard]] std::uint64_t transactionLimit() const;
@@ -194,6 +214,7 @@ private:
     [[nodiscard]] bool preparePreview();
     [[nodiscard]] bool sendPreviewValues();
     void sendPresence();
+    void noteRefusedPresence(ErrorCode closing);
     void requestBlobs(const std::vector<Hash>& hashes);
     void blobReceived(const Hash& hash, SharedBytes bytes);
     void blobFailed(const Hash& hash, Error error);
@@ -227,6 +248,7 @@ private:
     void prune();
     void lose(Pending pending, Error reason);
     bool resubmit(std::uint64_t sequence);
+    void hold(std::uint64_t sequence, const Error& reason);
     [[nodiscard]] bool isCaughtUp() const;
 
     // SessionView.cpp
@@ -271,13 +293,18 @@ private:
 
     // The connection.
     bool linked_ = false;
-    std::optional<Error> forgotten_;          // an error before the welcome (M14)
-    std::optional<ErrorMessage> notResumed_;  // an error before the welcome (SE3)
+    std::optional<Error> forgotten_;  // an error before the welcome (M14)
+    bool diverged_ = false;  // an error before the welcome says that the histories differ (ID2)
+    std::optional<StoreId> accepted_;  // joinOtherHistory(): the history that was found
     std::deque<Result<Received>> inbox_;
     PendingRequests requests_;
     bool takesPreviewValues_ = false;  // the server forwards them (B3)
     bool takesParts_ = false;          // the server knows FR8
+    bool takesCompact_ = false;        // the server knows FR9
+    NameNumbers names_;
+    KnownNames namesSent_;
     std::optional<Sending> sending_;
+    std::optional<Held> held_;
     std::int64_t nowMs_ = 0;
     std::int64_t gestureReportedMs_ = 0;
     double deadlineMs_ = 0;  // end of this advance(), by options_.clockMs
@@ -289,22 +316,22 @@ private:
     std::optional<Presence> presence_;
     std::optional<Presence> presenceSent_;  // on this connection
     std::int64_t presenceSentMs_ = 0;
+    int presenceRefusals_ = 0;  // connections that ended after it was sent
 
     // The confirmed side.
     bool hasHistory_ = false;
+    StoreId store_;
     Epoch epoch_ = 0;        // epoch of the server
     Epoch commitEpoch_ = 0;  // epoch of the newest commit
     Hash hash_;
-    /// Transactions up to `last` were sent when the client had the history at `since`, and are not
-    /// answered. Until they are, hello resumes at `since`: the server then knows whether it has
+    /// Transactions up to `last` were sent when the client had the history up to `since`, and are
+    /// not answered. Until they are, hello names `since`: the server then knows whether it has
     /// forgotten what it knew about them (M14).
     struct Unanswered {
-        Hello::Resume since;
+        Revision since = 0;
         std::uint64_t last = 0;
     };
     std::optional<Unanswered> unanswered_;
-    bool saidSince_ = false;  // the last hello resumed at `since`
-    [[nodiscard]] Hello::Resume here() const;
     [[nodiscard]] bool hasUnanswered() const;
     void noteUnanswered();
     LayerDocs confirmed_;
@@ -312,6 +339,7 @@ private:
     OwnCreations creations_;
     std::map<LayerId, OpenedLayer> layers_;
     std::optional<Frozen> frozen_;
+    std::optional<Abandoned> abandoned_;
 
     // The predicted side.
     const Prediction::Confirmed confirmedSide_{confirmed_, log_, creations_, revision_};

@@ -2,10 +2,32 @@
 #include <algorithm>
 
 #include "SessionImpl.h"
+#include "usdlive/common/protocol/CheckedControl.h"
 
 namespace usdlive::client {
 
-void Session::Impl::showPresence(Presence presence) { presence_ = std::move(presence); }
+// The server ends the session over a presence that it cannot read, and would do so again after each
+// reconnect.
+Result<void> Session::Impl::showPresence(Presence presence) {
+    Presence filledIn = presence;  // the form that the server sends to others
+    filledIn.client = options_.client;
+    filledIn.user = options_.user;
+    filledIn.application = options_.application;
+    if (auto valid = checkPresence(filledIn); !valid) return valid;
+    if (const auto readable = encodeChecked(ShowPresence{presence}); !readable)
+        return fail(readable.error().code,
+                    "the presence cannot be sent: " + readable.error().message);
+    presenceRefusals_ = 0;
+    presence_ = std::move(presence);
+    return {};
+}
+
+// A server of another version may refuse more than this client knows.
+void Session::Impl::noteRefusedPresence(ErrorCode closing) {
+    constexpr int kMost = 2;
+    if (closing == ErrorCode::MalformedControl && presenceSent_ && ++presenceRefusals_ >= kMost)
+        presence_.reset();
+}
 
 void Session::Impl::hidePresence() { presence_.reset(); }
 

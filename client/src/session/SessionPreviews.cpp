@@ -78,6 +78,8 @@ void Session::Impl::handle(ReceivedBlob&& blob) {
         blobFailed(blob.hash, blob.whole.error());
     else if (*blob.whole)
         blobReceived(blob.hash, std::move(*blob.whole));
+    else
+        downloads_.progressed(blob.hash, blob.bytes);
 }
 
 void Session::Impl::blobReceived(const Hash& hash, SharedBytes bytes) {
@@ -103,7 +105,7 @@ void Session::Impl::blobFailed(const Hash& hash, Error error) {
 }
 
 void Session::Impl::requestBlobs(const std::vector<Hash>& hashes) {
-    for (const Hash& hash : hashes) sendControl(RequestBlob{hash, 0});
+    for (const Hash& hash : hashes) sendControl(RequestBlob{hash, downloads_.here(hash)});
 }
 
 void Session::Impl::on(const BlobStored& message) {

@@ -3,6 +3,8 @@
 #include <algorithm>
 
 #include "SessionImpl.h"
+#include "usdlive/common/core/ErrorPasses.h"
+#include "usdlive/common/protocol/CheckedControl.h"
 
 namespace usdlive::client {
 
@@ -21,11 +23,11 @@ std::uint64_t Session::Impl::sendRequest(Request& request) {
     request.request = requests_.nextNumber();
     auto refused = whyNot(request.request, Request::kType, featureOf<Request>());
     // The server would end the session over a request that it cannot read.
-    std::string control = encodeControl(request);
-    if (const auto read = decodeControl(control); !read && !refused)
-        refused = PendingRequests::errorOf(request.request, read.error().code,
+    auto control = encodeChecked(request);
+    if (!control && !refused)
+        refused = PendingRequests::errorOf(request.request, control.error().code,
                                            "the request '" + std::string(Request::kType) +
-                                               "' is not valid: " + read.error().message);
+                                               "' is not valid: " + control.error().message);
     if (refused) {
         events_.push_back(event::ServerError{*std::move(refused)});
         return request.request;
@@ -36,7 +38,7 @@ std::uint64_t Session::Impl::sendRequest(Request& request) {
         else
             events_.push_back(event::ServerError{std::move(outcome.error())});
     });
-    sendJson(std::move(control));
+    sendJson(std::move(*control));
     return request.request;
 }
 
@@ -57,9 +59,15 @@ std::optional<ErrorMessage> Session::Impl::whyNot(std::uint64_t number, std::str
 void Session::Impl::on(const ErrorMessage& message) {
     if (message.request && requests_.end(*message.request, tl::unexpected(message))) return;
     const Error error = toError(message);
-    if (error.code == ErrorCode::ClientForgotten && !online_) forgotten_ = error;
-    if (error.code == ErrorCode::HistoryDiverged && !online_ && !message.closing) {
-        notResumed_ = message;  // reported when the welcome has come
+    if (error.code == ErrorCode::ClientForgotten && !online_) {
+        forgotten_ = error;
+        if (diverged_) return;
+    }
+    if (message.closing) noteRefusedPresence(error.code);
+    const bool differs =
+        error.code == ErrorCode::HistoryDiverged || error.code == ErrorCode::FutureRevision;
+    if (differs && !online_ && !message.closing) {
+        diverged_ = true;  // reported when the welcome has come
         return;
     }
     if (message.blob) {
@@ -94,8 +102,8 @@ void Session::Impl::joinFailed(const OpenLayer& open, const ErrorMessage& messag
     auto& joining = entry->second.joining;
     if (!joining || joining->snapshot.request != open.request) return;  // requested again
     const Error error = toError(message);
-    // The store comes back, and own work may wait for this layer.
-    if (joining->again && error.code == ErrorCode::StorageFailed) {
+    // Own work may wait for this layer.
+    if (joining->again && errorPasses(error.code)) {
         entry->second.restart();
         joining->retryAtMs = nowMs_ + kAskAgainMs;
         events_.push_back(event::ServerError{message});
@@ -208,6 +216,7 @@ void Session::Impl::on(const AlreadyCommitted& message) {
     if (message.revision > revision_) return;
     auto pending = pending_.take(message.sequence);
     if (!pending) return;
+    held_.reset();
     restartPrediction();
     missed_.push_back({message.revision, std::move(*pending)});
     readMissed();

@@ -2,6 +2,7 @@
 #include <algorithm>
 
 #include "SessionImpl.h"
+#include "usdlive/common/core/ByteStream.h"
 
 namespace usdlive::client {
 
@@ -44,7 +45,7 @@ void Session::Impl::sendAll() {
     if (!online_ || !isCaughtUp() || frozen_) return;
     sendTransactions();
     uploads_.dropUnwanted();
-    if (host_.takesMore()) uploads_.send(options_.uploadWindowChunks, nowMs_);
+    uploads_.send(options_.uploadWindowChunks, nowMs_);
     if (const auto progress = uploads_.progress(nowMs_)) events_.push_back(*progress);
     sendPreview();
     sendPresence();
@@ -52,6 +53,7 @@ void Session::Impl::sendAll() {
 
 void Session::Impl::sendTransactions() {
     if (!sendParts()) return;
+    if (held_ && (pending_.sent() > 0 || nowMs_ < held_->untilMs)) return;
     const auto ready = [this](const Pending& pending) { return uploads_.ready(pending.blobs); };
     Bytes message;
     const auto flush = [&] {
@@ -61,6 +63,7 @@ void Session::Impl::sendTransactions() {
     std::vector<std::pair<std::uint64_t, Error>> tooLarge;
     std::size_t count = 0;
     for (Pending* pending : pending_.sendable(ready, !dirty_)) {
+        if (held_ && pending_.sent() > 0) break;  // SE21: only one
         if (outOfTime(++count)) {
             moreToSend_ = true;
             break;
@@ -72,7 +75,8 @@ void Session::Impl::sendTransactions() {
             takesParts_ ? std::min(options_.wholeBytes, frameLimit()) : frameLimit();
         std::uint64_t size = leastFrameBytes(transaction.edits);
         Bytes frame;
-        if (size <= whole) {
+        if (size <= std::min(whole, transactionLimit())) frame = compactFrames(transaction, whole);
+        if (frame.empty() && size <= whole) {
             frame = encodeFrame(SubmitFrame{transaction});
             size = frame.size();
         }
@@ -93,8 +97,22 @@ void Session::Impl::sendTransactions() {
         pending_.markSent(*pending, frame.size());
     }
     flush();
+    if (held_) held_->tried = pending_.sent() > 0;
     for (auto& [sequence, error] : tooLarge) lose(*pending_.take(sequence), std::move(error));
     if (dirty_) rebuild();
+}
+
+// FR9: returns the compact frame of the content, after the one that introduces its names. Returns
+// nothing if the server does not know such frames, or the content is too large for one. The result
+// has to be sent.
+template <class Content>
+Bytes Session::Impl::compactFrames(const Content& content, std::uint64_t mostBytes) {
+    const auto frame = takesCompact_ ? encodeCompact(content, names_) : std::nullopt;
+    if (!frame || frame->bytes->size() > mostBytes) return {};
+    Bytes frames;
+    if (const SharedBytes names = namesSent_.introduce(*frame)) frames = *names;
+    appendBytes(frames, *frame->bytes);
+    return frames;
 }
 
 std::uint64_t Session::Impl::frameLimit() const {
@@ -113,7 +131,7 @@ bool Session::Impl::sendParts() {
             sending_.reset();
             break;
         }
-        if (!host_.takesMore()) return false;
+        if (host_.bulkBytes() == 0) return false;
         if (outOfTime() && sending_->at.part > 0) {
             moreToSend_ = true;
             return false;
@@ -146,7 +164,11 @@ bool Session::Impl::preparePreview() {
     PreviewFrame preview = gesture_->preview();
     std::vector<Value> blobs;
     for (const Edit& edit : preview.edits) collectBlobs(edit.action, blobs);
-    Gesture::Outgoing outgoing{std::make_shared<const Bytes>(encodeFrame(preview)), {}, 0, {}};
+    preview.author = {};  // the server knows it
+    // One with big values waits for them, so its names would come too late for other frames.
+    Bytes frame = blobs.empty() ? compactFrames(preview, Gesture::kMaxPreviewBytes) : Bytes();
+    if (frame.empty()) frame = encodeFrame(preview);
+    Gesture::Outgoing outgoing{std::make_shared<const Bytes>(std::move(frame)), {}, 0, {}};
     gesture_->bytes = outgoing.frame->size();
     gesture_->sentMs = nowMs_;
     gesture_->changed = false;
@@ -171,9 +193,10 @@ bool Session::Impl::sendPreviewValues() {
     auto& [frame, values, offset, named] = *gesture_->outgoing;
     std::size_t chunks = options_.uploadWindowChunks;
     while (!values.empty()) {
-        if (chunks-- == 0 || !host_.takesMore()) return false;
+        const std::size_t most = host_.bulkBytes();
+        if (chunks-- == 0 || most == 0) return false;
         const auto& [hash, bytes] = values.front();
-        BlobFrame part = blobPart(hash, *bytes, offset);
+        BlobFrame part = blobPart(hash, *bytes, offset, most);
         part.gesture = gesture_->pending.transaction.gesture;
         host_.send(std::make_shared<const Bytes>(encodeFrame(part)));
         offset += part.rawBytes;

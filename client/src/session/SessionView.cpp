@@ -3,6 +3,7 @@
 #include <stdexcept>
 
 #include "SessionImpl.h"
+#include "usdlive/common/layer/MatchedSpecs.h"
 
 namespace usdlive::client {
 
@@ -167,6 +168,7 @@ void Session::Impl::readdressGesture() {
 void Session::Impl::addressCarried(Pending& pending,
                                    std::vector<std::optional<AuthoredEdit>> edits) {
     pending.prognosis = {};
+    pending.changedSince = pending.sent;
     pending.transaction.base = revision_;
     for (std::size_t index = 0; index < edits.size(); ++index) {
         const Creation number{pending.transaction.id.sequence, std::uint32_t(index)};
@@ -200,6 +202,26 @@ void Session::Impl::flushResets() {
 }
 
 // ---- another history
+
+// ID4: what the editor was told is committed, and the joined history lacks, becomes lost work: the
+// edits that turn the present layers into those of then.
+void Session::Impl::reportAbandoned() {
+    if (!abandoned_) return;
+    const LayerDoc none;
+    LostWork work{.sequence = 0,
+                  .gesture = 0,
+                  .reason = std::move(abandoned_->reason),
+                  .refused = false,
+                  .edits = {}};
+    for (const auto& [layer, then] : abandoned_->docs) {
+        const auto found = confirmed_.find(layer);
+        const LayerDoc& now = found == confirmed_.end() ? none : found->second;
+        for (auto& [path, action] : difference(now, matchedSpecs(now, then)))
+            work.edits.push_back({layer, std::move(path), std::move(action)});
+    }
+    abandoned_.reset();
+    if (!work.edits.empty()) events_.push_back(event::Lost{std::move(work)});
+}
 
 // Called when the confirmed layers are not valid any more. The view stays until all layers have
 // been joined again. Own work is carried over by its paths in the view.
@@ -240,6 +262,7 @@ void Session::Impl::thaw() {
         if (opened.joining && opened.joining->again) return;
     host_.discard(std::make_shared<LayerDocs>(std::move(frozen_->views)));
     frozen_.reset();
+    reportAbandoned();
     discard(prediction_.startAnew());
     const auto withoutLayer = [this](const Pending& pending) {
         return std::any_of(pending.carried.begin(), pending.carried.end(), [&](const auto& edit) {

@@ -12,6 +12,7 @@
 #include "session/MessageReader.h"
 #include "usdlive/common/core/Bytes.h"
 #include "usdlive/common/core/Result.h"
+#include "usdlive/common/core/StoreId.h"
 #include "usdlive/common/dds/Domain.h"
 
 namespace usdlive::client {
@@ -27,6 +28,8 @@ struct ServerAddress {
     bool dds = false;          ///< with an empty project: all projects found
 
     [[nodiscard]] std::string url() const;
+    /// Returns the text of the header Host, with the brackets of an IPv6 address.
+    [[nodiscard]] std::string hostAndPort() const;
 };
 /// Error: InvalidArgument names the problem of the text.
 [[nodiscard]] Result<ServerAddress> parseServerAddress(const std::string& text);
@@ -52,8 +55,6 @@ struct ListedProjects {
 /// project A. Returns other addresses unchanged, and also those of servers that do not answer.
 [[nodiscard]] ServerAddress findProject(ServerAddress address, std::chrono::milliseconds timeout);
 
-inline constexpr std::size_t kMaxQueuedBytes = 4 * 1024 * 1024;
-
 /// A client's connection to a server. Connects, and after a loss connects again with increasing
 /// delays (0.1 s to 5 s, full jitter) until it is destroyed. Works on its own thread. Results are
 /// fetched with poll() by any one thread, so that the work does not run on the editor's thread.
@@ -68,6 +69,8 @@ public:
     };
     struct Lost {
         Error reason;
+        /// The bytes that were passed to send() and perhaps did not arrive.
+        std::size_t unconfirmed = 0;
     };  ///< also a failed attempt
     using Happening = std::variant<Opened, Message, Lost>;
 
@@ -78,9 +81,14 @@ public:
     [[nodiscard]] virtual std::vector<Happening> poll(std::size_t most) = 0;
     /// Blocks until poll() has events or `time` is over. Returns true if it has events.
     virtual bool wait(std::chrono::milliseconds time) = 0;
-    /// Returns the bytes passed to send() and not yet being sent. Big values wait while this
-    /// exceeds kMaxQueuedBytes, so that edits can pass them.
+    /// Returns the bytes passed to send() and not yet written to the line.
     [[nodiscard]] virtual std::size_t queuedBytes() const = 0;
+    /// Names the store that the session has joined (ID1). Over DDS, several servers may have the
+    /// project's name; the next connection prefers one with this store. Any thread.
+    virtual void prefer(const StoreId& /*store*/) {}
+    /// Returns the size of the next part of a big value, before compression, that the line takes
+    /// now; 0: it has to wait, so that edits do not wait behind it (TL1).
+    [[nodiscard]] virtual std::size_t bulkBytes() const = 0;
     /// Returns where the project's server answers HTTP; nothing if that is not known.
     [[nodiscard]] virtual std::optional<ServerAddress> web() const { return std::nullopt; }
     /// Drops the connection and connects again at once. Call it after an invalid message.
@@ -109,6 +117,7 @@ struct DdsProject {
     std::string name;
     std::string url;  ///< WebSocket address of the same project
     std::uint64_t revision = 0;
+    StoreId store;  ///< identity of its store
 };
 /// Listens for announcements during `time`. Returns the projects sorted by name.
 [[nodiscard]] Result<std::vector<DdsProject>> listDdsProjects(const dds::DomainSettings& settings,

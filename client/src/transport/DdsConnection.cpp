@@ -9,6 +9,7 @@
 #include "RetryDelay.h"
 #include "transport/CommitOrder.h"
 #include "transport/StateOrder.h"
+#include "usdlive/common/core/Thread.h"
 #include "usdlive/common/dds/SegmentReceiver.h"
 #include "usdlive/common/dds/SegmentSender.h"
 #include "usdlive/common/dds/StateSamples.h"
@@ -37,6 +38,12 @@ constexpr auto kAskPause = milliseconds(20);
 constexpr auto kGoodbye = milliseconds(500);
 // A message of the server has one or more frames. The extra space is for those beside the largest.
 constexpr std::size_t kMaxMessageBytes = kMaxFrameBytes + 8 * 1024 * 1024;
+// The pause between looks at the addresses of the network interface.
+constexpr auto kLookPause = seconds(1);
+// A participant without a session for so long is replaced, in case that it is deaf: a change of the
+// network that does not show in the addresses.
+constexpr auto kDeafTime = seconds(30);
+constexpr auto kReplacePause = milliseconds(50);
 // The limit of data that is taken from the mailbox in advance.
 constexpr std::size_t kWaitingBytes = 1024 * 1024;
 
@@ -235,17 +242,15 @@ private:
             const auto batch = mailbox_.takeBatch();
             if (batch.empty()) return;
             for (const SharedBytes& frames : batch) {
-                unacknowledged_ += frames->size();
+                pushed_ += frames->size();
+                mailbox_.written(frames->size());
                 out_.push(frames);
             }
+            static_cast<void>(mailbox_.mark());
         }
     }
 
-    void noteAcknowledged() {
-        const std::size_t left = out_.queuedBytes();
-        mailbox_.written(unacknowledged_ - left);
-        unacknowledged_ = left;
-    }
+    void noteAcknowledged() { mailbox_.acknowledged(pushed_ - out_.queuedBytes()); }
 
     void ask(TimePoint now) {
         if (now < lastSent_ + kAskPause) return;
@@ -312,7 +317,7 @@ private:
     StateOrder stateOrder_;
     dds::SegmentReceiver besideIn_;
     dds::SegmentSender out_;
-    std::size_t unacknowledged_ = 0;  // bytes of the mailbox's messages in out_
+    std::uint64_t pushed_ = 0;  // bytes of the mailbox's messages
     std::uint64_t generation_ = 0;
     std::optional<Error> reason_;
     TimePoint lastReceived_ = steady_clock::now();
@@ -326,34 +331,60 @@ public:
                   std::unique_ptr<dds::Domain> domain, Brings brings)
         : MailboxConnection(address, brings),
           settings_(settings),
-          domain_(std::move(domain)),
-          projects_(*domain_),
-          waitSet_(*domain_) {
-        waitSet_.attach(projects_.reader());
-        thread_ = std::thread([this] { run(); });
+          node_(std::make_shared<Node>(settings, std::move(domain))) {
+        thread_ = startThread("usdlive dds", [this] { run(); });
     }
 
     ~DdsConnection() override {
         leaving_ = true;
-        waitSet_.wake();
+        wake();
         thread_.join();
     }
 
     std::optional<ServerAddress> web() const override {
-        const std::lock_guard lock(webMutex_);
+        const std::lock_guard lock(projectMutex_);
         return web_;
+    }
+    void prefer(const StoreId& store) override {
+        const std::lock_guard lock(projectMutex_);
+        preferred_ = store;
     }
 
 private:
-    void queued() override { waitSet_.wake(); }
-    void madeRoom() override { waitSet_.wake(); }
+    /// A participant, and what belongs to it. A participant keeps the addresses that its interface
+    /// had when it was created, so it is replaced when they change.
+    struct Node {
+        Node(const dds::DomainSettings& settings, std::unique_ptr<dds::Domain> made)
+            : domain(std::move(made)),
+              addresses(dds::addressesOf(settings)),
+              projects(*domain),
+              waitSet(*domain) {
+            waitSet.attach(projects.reader());
+        }
+        const std::unique_ptr<dds::Domain> domain;
+        const std::string addresses;
+        bool hadNone = false;                   ///< the interface lost its addresses
+        TimePoint heard = steady_clock::now();  ///< a session was open, or the node was created
+        const std::uint64_t client = dds::randomNumber();
+        std::uint64_t connections = 0;
+        DdsProjects projects;
+        dds::WaitSet waitSet;
+    };
+
+    void queued() override { wake(); }
+    void madeRoom() override { wake(); }
+
+    void wake() {
+        const std::lock_guard lock(nodeMutex_);
+        if (node_) node_->waitSet.wake();
+    }
 
     void drop(std::uint64_t generation, std::string why) override {
         {
             const std::lock_guard lock(dropMutex_);
             drop_ = {generation, std::move(why)};
         }
-        waitSet_.wake();
+        wake();
     }
 
     void run() {
@@ -363,6 +394,7 @@ private:
             Error reason = attempt();
             if (leaving_) return;
             mailbox_.lost(std::move(reason));
+            if (isOutdated()) replaceNode();
             rest(delay.next(steady_clock::now() - start));
             while (!leaving_ && !mailbox_.hasRoom()) rest(RetryDelay::kLongest);
         }
@@ -372,9 +404,42 @@ private:
         const TimePoint end = steady_clock::now() + time;
         for (TimePoint now = steady_clock::now(); now < end && !leaving_;
              now = steady_clock::now()) {
-            waitSet_.wait(end - now);
-            projects_.update();
+            node_->waitSet.wait(end - now);
+            node_->projects.update();
         }
+    }
+
+    // --- The participant
+
+    /// Returns why the participant cannot hear others any more, if that is so.
+    std::optional<std::string> otherAddress() {
+        const std::string now = dds::addressesOf(settings_);
+        if (now.empty()) node_->hadNone = true;
+        if (now.empty() || (now == node_->addresses && !node_->hadNone)) return std::nullopt;
+        return "the address of this machine has changed to " + now +
+               (now == node_->addresses ? std::string() : ", from " + node_->addresses);
+    }
+    bool isOutdated() { return otherAddress() || steady_clock::now() - node_->heard >= kDeafTime; }
+
+    /// Deletes the participant first: a domain that has a name exists once in a process.
+    void replaceNode() {
+        setNode(nullptr);
+        while (!leaving_) {
+            auto domain = dds::createDomain(settings_);
+            try {
+                if (domain) return setNode(std::make_shared<Node>(settings_, std::move(*domain)));
+                mailbox_.lost(domain.error());
+            } catch (const std::runtime_error& fault) {
+                mailbox_.lost({ErrorCode::NotConnected, fault.what()});
+            }
+            for (const TimePoint end = steady_clock::now() + RetryDelay::kLongest;
+                 steady_clock::now() < end && !leaving_;)
+                std::this_thread::sleep_for(kReplacePause);
+        }
+    }
+    void setNode(std::shared_ptr<Node> node) {
+        const std::lock_guard lock(nodeMutex_);
+        node_.swap(node);
     }
 
     // Connects and works until the connection is lost. Returns the reason.
@@ -386,8 +451,8 @@ private:
                         "no server of " + where() + " was found in DDS domain " +
                             std::to_string(settings_.domain) + " on " + settings_.interface};
             learnWeb(*server);
-            Line line(*domain_, waitSet_, mailbox_, *server, projects_.participantOf(*server),
-                      client_, ++connections_);
+            Line line(*node_->domain, node_->waitSet, mailbox_, *server,
+                      node_->projects.participantOf(*server), node_->client, ++node_->connections);
             return use(line);
         } catch (const std::runtime_error& fault) {
             return {ErrorCode::NotConnected, fault.what()};
@@ -396,33 +461,45 @@ private:
 
     /// The announcement names the server's WebSocket address, at which it also answers HTTP.
     void learnWeb(std::uint64_t server) {
-        const auto found = parseServerAddress(projects_.urlOf(server));
-        const std::lock_guard lock(webMutex_);
+        const auto found = parseServerAddress(node_->projects.urlOf(server));
+        const std::lock_guard lock(projectMutex_);
         web_ = found && !found->dds ? std::optional(*found) : std::nullopt;
+    }
+
+    [[nodiscard]] std::optional<std::uint64_t> bestServer() const {
+        const std::lock_guard lock(projectMutex_);
+        return node_->projects.serverOf(address_.project, preferred_);
     }
 
     std::optional<std::uint64_t> findServer() {
         const TimePoint end = steady_clock::now() + kConnectTimeout;
         for (TimePoint now = steady_clock::now(); now < end && !leaving_;
              now = steady_clock::now()) {
-            projects_.update();
-            if (const auto server = projects_.serverOf(address_.project)) return server;
-            waitSet_.wait(end - now);
+            node_->projects.update();
+            if (const auto server = bestServer()) return server;
+            node_->waitSet.wait(end - now);
         }
         return std::nullopt;
     }
 
     Error use(Line& line) {
         bool left = false;
+        TimePoint looked = steady_clock::now();
         while (!line.reason()) {
             const TimePoint now = steady_clock::now();
             if (leaving_ && !std::exchange(left, true)) line.leave(now);
-            projects_.update();
+            node_->projects.update();
             endDropped(line);
             line.work(now);
-            if (!projects_.isAlive(line.server()))
-                line.serverLost(now, projects_.serverOf(address_.project).has_value());
-            if (!line.reason()) waitSet_.wait(line.deadline() - steady_clock::now());
+            if (line.generation() != 0) node_->heard = now;
+            if (!node_->projects.isAlive(line.server()))
+                line.serverLost(now, bestServer().has_value());
+            if (now - looked >= kLookPause) {
+                looked = now;
+                if (auto why = otherAddress()) line.end(*std::move(why));
+            }
+            const TimePoint next = std::min(line.deadline(), looked + kLookPause);
+            if (!line.reason()) node_->waitSet.wait(next - steady_clock::now());
         }
         return lost(line.reason()->message);
     }
@@ -439,13 +516,11 @@ private:
     };
 
     const dds::DomainSettings settings_;
-    const std::unique_ptr<dds::Domain> domain_;
-    const std::uint64_t client_ = dds::randomNumber();
-    std::uint64_t connections_ = 0;
-    DdsProjects projects_;
-    dds::WaitSet waitSet_;
-    mutable std::mutex webMutex_;  // guards the next member
+    std::mutex nodeMutex_;  // guards the pointer; only the connection's thread changes it
+    std::shared_ptr<Node> node_;
+    mutable std::mutex projectMutex_;  // guards the next two
     std::optional<ServerAddress> web_;
+    StoreId preferred_;
     std::mutex dropMutex_;
     std::optional<Drop> drop_;
     std::atomic<bool> leaving_ = false;

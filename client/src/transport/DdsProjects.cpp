@@ -30,7 +30,7 @@ void DdsProjects::update() {
         if (!info.alive)
             servers_.erase(sample.server);
         else if (known != servers_.end() || servers_.size() < kMostServers)
-            servers_[sample.server] = {{sample.name, sample.url, sample.revision},
+            servers_[sample.server] = {{sample.name, sample.url, sample.revision, {sample.store}},
                                        sample.started,
                                        sample.protocol,
                                        info.participant};
@@ -47,13 +47,18 @@ dds::ParticipantId DdsProjects::participantOf(std::uint64_t server) const {
     return known == servers_.end() ? dds::ParticipantId{} : known->second.participant;
 }
 
-std::optional<std::uint64_t> DdsProjects::serverOf(const std::string& project) const {
-    std::optional<std::uint64_t> latest;
+std::optional<std::uint64_t> DdsProjects::serverOf(const std::string& project,
+                                                   const StoreId& preferred) const {
+    const auto rank = [&](std::uint64_t server) {
+        const Served& served = servers_.at(server);
+        return std::pair(served.project.store == preferred, served.started);
+    };
+    std::optional<std::uint64_t> best;
     for (const auto& [server, served] : servers_)
         if (served.project.name == project && served.protocol == dds::kDdsProtocol &&
-            (!latest || servers_.at(*latest).started < served.started))
-            latest = server;
-    return latest;
+            (!best || rank(*best) < rank(server)))
+            best = server;
+    return best;
 }
 
 std::vector<DdsProject> DdsProjects::all() const {

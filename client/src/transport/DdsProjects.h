@@ -18,8 +18,10 @@ public:
     [[nodiscard]] dds_entity_t reader() const { return reader_.get(); }
     /// Processes received announcements.
     void update();
-    /// Returns the server of the project that started last and has our protocol version.
-    [[nodiscard]] std::optional<std::uint64_t> serverOf(const std::string& project) const;
+    /// Returns the server of the project that has our protocol version: one with this store, if
+    /// there is one (ID1), and of several the one that started last.
+    [[nodiscard]] std::optional<std::uint64_t> serverOf(const std::string& project,
+                                                        const StoreId& preferred) const;
     /// Returns the WebSocket address of the project, or an empty text.
     [[nodiscard]] std::string urlOf(std::uint64_t server) const;
     /// Returns the participant of the server, or zeros if the server is unknown.

@@ -24,16 +24,15 @@ class Request {
 public:
     Request(const ServerAddress& server, std::string target)
         : server_(server), request_(http::verb::get, target, 11) {
-        request_.set(http::field::host, server.host);
+        request_.set(http::field::host, server.hostAndPort());
         request_.set(http::field::user_agent, "usdlive");
         parser_.body_limit(kMostBytes);
     }
 
     Result<http::response<http::string_body>> run(std::chrono::milliseconds timeout) {
-        resolver_.async_resolve(server_.host, std::to_string(server_.port),
-                                [this](beast::error_code error, const auto& found) {
-                                    if (step(error)) connect(found);
-                                });
+        // async_resolve() would start a thread, which may be refused.
+        const auto found = resolver_.resolve(server_.host, std::to_string(server_.port), error_);
+        if (!error_) connect(found);
         io_.run_for(timeout);
         if (!isDone_ && !error_) error_ = beast::error::timeout;
         if (!error_) return parser_.release();

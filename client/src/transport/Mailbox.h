@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "transport/Connection.h"
+#include "usdlive/common/transport/BulkWindow.h"
 
 namespace usdlive::client {
 
@@ -22,8 +23,9 @@ class Mailbox {
 public:
     using Happening = Connection::Happening;
 
-    // The size limit of one sent message, unless a single buffer is larger.
-    static constexpr std::size_t kBatchBytes = 1024 * 1024;
+    // The size limit of one sent message, unless a single buffer is larger. What is queued later
+    // waits for the whole message.
+    static constexpr std::size_t kBatchBytes = 64 * 1024;
     // The limit for messages not fetched by poll(). Above it reading pauses, which the server
     // notices. In the end one side drops the connection, and the session resumes later.
     static constexpr std::size_t kMaxInboxBytes = 1024 * 1024 * 1024;
@@ -36,7 +38,7 @@ public:
     // --- the network's thread ---
 
     std::uint64_t opened() {
-        reader_.emplace();
+        reader_.emplace(reader_->takeBegun());
         const std::lock_guard lock(mutex_);
         clearOutbox();
         open_ = ++generation_;
@@ -46,12 +48,16 @@ public:
     }
     void lost(Error reason) {
         const std::lock_guard lock(mutex_);
+        std::size_t unconfirmed = window_.outstanding();
         clearOutbox();
         open_.reset();
         // Keeps only the latest failed attempt that was not fetched.
-        if (!inbox_.empty() && std::holds_alternative<Connection::Lost>(inbox_.back().happening))
-            inbox_.pop_back();
-        inbox_.push_back({Connection::Lost{std::move(reason)}, generation_});
+        if (!inbox_.empty())
+            if (auto* before = std::get_if<Connection::Lost>(&inbox_.back().happening)) {
+                unconfirmed += before->unconfirmed;
+                inbox_.pop_back();
+            }
+        inbox_.push_back({Connection::Lost{std::move(reason), unconfirmed}, generation_});
         arrived_.notify_all();
     }
     // Returns false if the inbox is full; wait before reading more.
@@ -91,6 +97,20 @@ public:
     void written(std::size_t bytes) {
         const std::lock_guard lock(mutex_);
         outboxBytes_ -= std::min(bytes, outboxBytes_);
+        window_.sent(bytes);
+    }
+    [[nodiscard]] bool wantsMark() const {
+        const std::lock_guard lock(mutex_);
+        return window_.wantsMark();
+    }
+    // Returns the number of a mark after what was written, for acknowledged().
+    std::uint64_t mark() {
+        const std::lock_guard lock(mutex_);
+        return window_.mark(std::chrono::steady_clock::now());
+    }
+    void acknowledged(std::uint64_t mark) {
+        const std::lock_guard lock(mutex_);
+        window_.acknowledged(mark, std::chrono::steady_clock::now());
     }
 
     // --- the owner's thread ---
@@ -100,9 +120,13 @@ public:
     // receive them before its hello, so they are dropped then.
     [[nodiscard]] Queued queue(SharedBytes frames) {
         const std::lock_guard lock(mutex_);
-        if (!open_ || *open_ != seen_) return Queued::Dropped;
+        if (!open_ || *open_ != seen_) {
+            dropped_ += frames->size();
+            return Queued::Dropped;
+        }
         if (outboxBytes_ + frames->size() > kMaxOutboxBytes) return Queued::Full;
         outboxBytes_ += frames->size();
+        window_.queued(frames->size());
         outbox_.push_back(std::move(frames));
         return Queued::Yes;
     }
@@ -114,6 +138,8 @@ public:
             auto& [happening, generation, bytes] = inbox_.front();
             inboxBytes_ -= bytes;
             if (std::holds_alternative<Connection::Opened>(happening)) seen_ = generation;
+            if (auto* lost = std::get_if<Connection::Lost>(&happening))
+                lost->unconfirmed += std::exchange(dropped_, 0);
             fetched.push_back(std::move(happening));
             inbox_.pop_front();
         }
@@ -127,6 +153,10 @@ public:
     [[nodiscard]] std::size_t outboxBytes() const {
         const std::lock_guard lock(mutex_);
         return outboxBytes_;
+    }
+    [[nodiscard]] std::size_t bulkBytes() const {
+        const std::lock_guard lock(mutex_);
+        return window_.partBytes();
     }
     // The generation of the connection that the owner considers open.
     [[nodiscard]] std::uint64_t seen() const {
@@ -156,6 +186,7 @@ private:
     void clearOutbox() {
         outbox_.clear();
         outboxBytes_ = 0;
+        window_ = {};
     }
 
     // Used by the network thread only.
@@ -168,6 +199,8 @@ private:
     std::size_t inboxBytes_ = 0;
     std::deque<SharedBytes> outbox_;
     std::size_t outboxBytes_ = 0;  // includes the batch that is being written
+    BulkWindow window_;            // belongs to the current connection
+    std::size_t dropped_ = 0;      // bytes that were queued after the loss of the connection
     std::uint64_t generation_ = 0;
     std::optional<std::uint64_t> open_;
     std::uint64_t seen_ = 0;

@@ -30,6 +30,7 @@ public:
 
     bool wait(std::chrono::milliseconds time) final { return mailbox_.wait(time); }
     [[nodiscard]] std::size_t queuedBytes() const final { return mailbox_.outboxBytes(); }
+    [[nodiscard]] std::size_t bulkBytes() const final { return mailbox_.bulkBytes(); }
     [[nodiscard]] std::optional<ServerAddress> web() const override { return address_; }
     void reset() final { drop(mailbox_.seen(), "the connection was reset"); }
 

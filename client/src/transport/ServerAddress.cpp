@@ -1,11 +1,15 @@
 // Parses the addresses of servers, projects and layers.
+#include <algorithm>
 #include <array>
+#include <cctype>
 #include <charconv>
+#include <iterator>
 #include <optional>
 
 #include "transport/Connection.h"
 #include "usdlive/common/core/LayerPath.h"
 #include "usdlive/common/core/PercentEncoding.h"
+#include "usdlive/common/core/Thread.h"
 
 namespace usdlive::client {
 
@@ -21,10 +25,25 @@ tl::unexpected<Error> badAddress(const std::string& text, const std::string& wha
                                                 what + "; " + std::string(kHint));
 }
 
+char lower(char c) { return char(std::tolower(static_cast<unsigned char>(c))); }
+
+/// Returns whether the text begins with the scheme, which is in lower case.
+bool hasScheme(std::string_view text, std::string_view scheme) {
+    return std::ranges::equal(text.substr(0, scheme.size()), scheme, {}, lower);
+}
+
 std::optional<std::string_view> withoutScheme(std::string_view text) {
     for (const auto scheme : kSchemes)
-        if (text.starts_with(scheme)) return text.substr(scheme.size());
+        if (hasScheme(text, scheme)) return text.substr(scheme.size());
     return std::nullopt;
+}
+
+/// Removes the spaces that a pasted address may have around it.
+std::string_view trimmed(std::string_view text) {
+    constexpr std::string_view kSpaces = " \t\r\n";
+    const auto begin = text.find_first_not_of(kSpaces);
+    if (begin == std::string_view::npos) return {};
+    return text.substr(begin, text.find_last_not_of(kSpaces) + 1 - begin);
 }
 
 std::optional<std::uint16_t> parsePort(std::string_view text) {
@@ -106,30 +125,37 @@ Result<ServerAddress> parseDds(const std::string& text) {
 
 }  // namespace
 
+std::string ServerAddress::hostAndPort() const {
+    const bool isIpv6 = host.find(':') != std::string::npos;
+    return (isIpv6 ? "[" + host + "]" : host) + ":" + std::to_string(port);
+}
+
 std::string ServerAddress::url() const {
     if (dds) {
         const std::string text = std::string(kDds) + percentEncoded(project);
         return layer.empty() ? text : text + "/" + percentEncoded(layer);
     }
-    const bool bracketed = host.find(':') != std::string::npos;
-    std::string text = "ws://" + (bracketed ? "[" + host + "]" : host) + ":" + std::to_string(port);
+    std::string text = "ws://" + hostAndPort();
     if (!project.empty()) text += "/" + percentEncoded(project);
     if (!layer.empty()) text += "/" + percentEncoded(layer);
     return text;
 }
 
-Result<ServerAddress> parseServerAddress(const std::string& text) {
-    if (text.starts_with(kDds)) return parseDds(text);
+Result<ServerAddress> parseServerAddress(const std::string& pasted) {
+    const std::string text(trimmed(pasted));
+    if (hasScheme(text, kDds)) return parseDds(text);
     auto rest = withoutScheme(text);
     if (!rest && text.find("://") == std::string::npos) rest = text;  // HOST:PORT
     if (!rest) return badAddress(text, "it must begin with ws://, usdlive:// or dds://");
 
     const auto slash = rest->find('/');
-    const auto authority = splitAuthority(rest->substr(0, slash));
+    // Addresses in OpenUSD have the brackets of IPv6 encoded.
+    const std::string host = percentDecoded(rest->substr(0, slash)).value_or("");
+    const auto authority = splitAuthority(host);
     if (!authority || !isHost(authority->host)) return badAddress(text, "the host is invalid");
 
     ServerAddress address;
-    address.host = authority->host;
+    std::ranges::transform(authority->host, std::back_inserter(address.host), lower);
     if (authority->port) {
         const auto port = parsePort(*authority->port);
         if (!port) return badAddress(text, "the port must be a number from 1 to 65535");
@@ -138,11 +164,14 @@ Result<ServerAddress> parseServerAddress(const std::string& text) {
     return withPath(std::move(address), *rest, slash, text);
 }
 
-Result<std::unique_ptr<Connection>> createConnection(const ServerAddress& address) {
+Result<std::unique_ptr<Connection>> createConnection(const ServerAddress& address) try {
     if (!address.dds) return createWebSocketConnection(address, Connection::Brings::Frames);
     const auto settings = ddsSettings();
     if (!settings) return tl::unexpected(settings.error());
     return createDdsConnection(address, *settings, Connection::Brings::Frames);
+} catch (const ThreadRefused& refused) {
+    return fail(ErrorCode::NotConnected,
+                "cannot connect to " + address.url() + ": " + refused.what());
 }
 
 }  // namespace usdlive::client

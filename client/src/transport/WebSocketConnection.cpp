@@ -18,7 +18,9 @@
 #include "MailboxConnection.h"
 #include "RetryDelay.h"
 #include "usdlive/common/core/PercentEncoding.h"
+#include "usdlive/common/core/Thread.h"
 #include "usdlive/common/protocol/Frame.h"
+#include "usdlive/common/transport/PeerLife.h"
 
 namespace usdlive::client {
 
@@ -34,8 +36,13 @@ using std::chrono::seconds;
 using std::chrono::steady_clock;
 
 constexpr auto kConnectTimeout = seconds(10);
-// Beast pings after half of this time without data from the peer, and gives up after all of it.
-constexpr auto kIdleTimeout = seconds(10);
+// A server that shows no life for this time is lost (SE7).
+constexpr auto kPeerTime = seconds(10);
+constexpr auto kPeerCheck = milliseconds(500);
+// Messages are sent in fragments of this size, so that pings and pongs can pass between them. The
+// system keeps about as many bytes that were not sent.
+constexpr std::size_t kFragmentBytes = 64 * 1024;
+constexpr std::size_t kLeastReadBytes = 64 * 1024, kMostReadBytes = 1024 * 1024;
 // The time limit for sending the queue and the goodbye of a destroyed connection.
 constexpr auto kGoodbye = milliseconds(500);
 
@@ -63,6 +70,8 @@ struct Line {
     Stream stream;
     asio::steady_timer
         work;  // never expires; cancelled when there is something to write or room for reading
+    PeerLife life{kPeerTime, steady_clock::now()};
+    bool isPinging = false, pingsAgain = false;
     std::uint64_t generation = 0;
     std::optional<Error> reason;
 };
@@ -72,7 +81,7 @@ public:
     WebSocketConnection(const ServerAddress& address, Brings brings)
         : MailboxConnection(address, brings), pause_(context_) {
         asio::co_spawn(context_, run(), asio::detached);
-        thread_ = std::thread([this] { context_.run(); });
+        thread_ = startThread("usdlive network", [this] { context_.run(); });
     }
 
     ~WebSocketConnection() override {
@@ -127,8 +136,10 @@ private:
     // Connects and reads until the connection is lost. Returns the reason.
     asio::awaitable<Error> attempt() {
         asio::ip::tcp::resolver resolver(context_);
-        const auto [resolveError, endpoints] =
-            co_await resolver.async_resolve(address_.host, std::to_string(address_.port), kTuple);
+        // Waits here, because async_resolve() would start a thread, which may be refused.
+        error_code resolveError;
+        const auto endpoints =
+            resolver.resolve(address_.host, std::to_string(address_.port), resolveError);
         if (resolveError) co_return describe("no address found for", resolveError);
 
         auto line = std::make_shared<Line>(Stream(context_));
@@ -143,10 +154,14 @@ private:
         tcp.socket().set_option(asio::ip::tcp::no_delay(true), noDelayError);
         if (noDelayError) co_return finish(*line, describe("cannot reach", noDelayError));
         tcp.expires_never();
+        limitUnsent(tcp.socket().native_handle(), kFragmentBytes);
 
         if (auto error = co_await handshake(*line)) co_return finish(*line, std::move(*error));
         line->generation = mailbox_.opened();
+        takeControlFrames(*line);
+        ping(line);  // measures the empty line
         asio::co_spawn(context_, write(line), asio::detached);
+        asio::co_spawn(context_, watch(line), asio::detached);
         co_return finish(*line, co_await read(*line));
     }
 
@@ -158,7 +173,8 @@ private:
 
     asio::awaitable<std::optional<Error>> handshake(Line& line) {
         auto& stream = line.stream;
-        stream.set_option(websocket::stream_base::timeout{kConnectTimeout, kIdleTimeout, true});
+        stream.set_option(websocket::stream_base::timeout{kConnectTimeout,
+                                                          websocket::stream_base::none(), false});
         websocket::permessage_deflate none;
         none.client_enable = none.server_enable = false;
         stream.set_option(none);
@@ -166,18 +182,15 @@ private:
             request.set(http::field::user_agent, "usdlive");
         }));
         stream.read_message_max(kMaxMessageBytes);
-        stream.write_buffer_bytes(64 * 1024);
-        stream.auto_fragment(false);
+        stream.write_buffer_bytes(kFragmentBytes);
+        stream.auto_fragment(true);
         stream.binary(true);
 
         websocket::response_type response;
-        ServerAddress server = address_;
-        server.project.clear();
-        server.layer.clear();
-        const auto host = server.url().substr(std::string_view("ws://").size());
         const std::string target =
             (address_.project.empty() ? "" : "/" + percentEncoded(address_.project)) + "/live";
-        const auto [error] = co_await stream.async_handshake(response, host, target, kTuple);
+        const auto [error] =
+            co_await stream.async_handshake(response, address_.hostAndPort(), target, kTuple);
         if (error == websocket::error::upgrade_declined)
             co_return Error{ErrorCode::NotConnected, declined(response)};
         if (error) co_return describe("no usdlive server at", error);
@@ -195,13 +208,18 @@ private:
     asio::awaitable<Error> read(Line& line) {
         beast::flat_buffer buffer;
         for (;;) {
-            const auto [error, size] = co_await line.stream.async_read(buffer, kTuple);
+            const auto [error, size] = co_await line.stream.async_read_some(
+                buffer, std::clamp(buffer.size(), kLeastReadBytes, kMostReadBytes), kTuple);
             if (error) co_return lost(error.message());
+            line.life.received(steady_clock::now());
             if (line.stream.got_text())
                 co_return Error{ErrorCode::TextFrame, where() + " sent a text message"};
+            if (!line.stream.is_message_done()) continue;
             const auto* begin = static_cast<const std::uint8_t*>(buffer.data().data());
-            const bool room = mailbox_.message(std::make_shared<const Bytes>(begin, begin + size));
-            buffer.consume(size);
+            const bool room =
+                mailbox_.message(std::make_shared<const Bytes>(begin, begin + buffer.size()));
+            buffer.clear();
+            if (buffer.capacity() > kMostReadBytes) buffer.shrink_to_fit();
             while (!leaving_ && !line.reason && !room && !mailbox_.hasRoom())
                 co_await rest(RetryDelay::kLongest);
         }
@@ -224,10 +242,58 @@ private:
                 co_return;
             }
             // After the end of this connection the mailbox has dropped everything.
-            if (!line->reason) mailbox_.written(asio::buffer_size(buffers));
+            if (line->reason) continue;
+            mailbox_.written(asio::buffer_size(buffers));
+            if (mailbox_.wantsMark()) ping(line);
         }
         if (leaving_ && !line->reason)
             co_await line->stream.async_close(websocket::close_code::normal, kTuple);
+    }
+
+    /// The pong to a ping says that the server has received everything that was sent before the
+    /// ping (TL1).
+    void ping(const std::shared_ptr<Line>& line) {
+        line->pingsAgain = line->isPinging;
+        if (std::exchange(line->isPinging, true)) return;
+        const std::string payload = pingPayload(mailbox_.mark());
+        line->stream.async_ping({payload.data(), payload.size()}, [this, line](error_code error) {
+            line->isPinging = false;
+            if (error || line->reason) return;
+            line->life.pingWritten(progressOf(*line));
+            if (line->pingsAgain) ping(line);
+        });
+    }
+
+    void takeControlFrames(Line& line) {
+        line.stream.control_callback(
+            [this, &line](websocket::frame_type type, beast::string_view payload) {
+                line.life.received(steady_clock::now());
+                if (type != websocket::frame_type::pong || line.reason) return;
+                if (const auto mark = markOf({payload.data(), payload.size()}))
+                    mailbox_.acknowledged(*mark);
+            });
+    }
+
+    [[nodiscard]] static std::optional<SendProgress> progressOf(Line& line) {
+        return sendProgress(beast::get_lowest_layer(line.stream).socket().native_handle());
+    }
+
+    asio::awaitable<void> watch(std::shared_ptr<Line> line) {
+        asio::steady_timer pause(context_);
+        while (!line->reason) {
+            pause.expires_after(kPeerCheck);
+            co_await pause.async_wait(kTuple);
+            if (line->reason) co_return;
+            switch (line->life.check(progressOf(*line), steady_clock::now())) {
+                case PeerLife::Verdict::Alive:
+                    break;
+                case PeerLife::Verdict::SendPing:
+                    ping(line);
+                    break;
+                case PeerLife::Verdict::Lost:
+                    line->end(lost("the server does not answer"));
+            }
+        }
     }
 
     // The connection has no owner any more: sends the queue and the goodbye, then ends the thread.

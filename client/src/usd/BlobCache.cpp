@@ -8,6 +8,8 @@
 #include <system_error>
 #include <vector>
 
+#include "usdlive/common/core/Thread.h"
+
 namespace usdlive::client {
 
 namespace {
@@ -23,7 +25,7 @@ BlobCache::BlobCache(fs::path folder, std::size_t memoryBytes, std::uint64_t fol
     : folder_(std::move(folder)),
       memoryBytes_(memoryBytes),
       folderBytes_(folderBytes),
-      writer_([this] { work(); }) {}
+      writer_(startThread("usdlive values", [this] { work(); })) {}
 
 BlobCache::~BlobCache() {
     {

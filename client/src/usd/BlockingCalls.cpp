@@ -32,7 +32,7 @@ Result<void> Client::Impl::greet() {
     const Stopwatch watch;
     while (!session_.isConnected()) {
         if (line_.refused()) return tl::unexpected(*line_.refused());
-        if (watch.ms() > options_.connectTimeoutMs) return tl::unexpected(line_.notThere());
+        if (watch.ms() > options_.connectTimeoutMs) return tl::unexpected(notThere());
         if (line_.lastLoss() && !line_.isOpen() && watch.ms() > kRefusedMs)
             return tl::unexpected(*line_.lastLoss());
         line_.connection().wait(milliseconds(20));
@@ -64,7 +64,7 @@ Result<void> Client::Impl::waitForOpen(std::uint64_t request) {
         const bool isLost = unconnected.ms() > options_.connectTimeoutMs;
         if (!isLost && silent.ms() <= kSilenceMs) continue;
         opens_.drop(request);
-        if (isLost) return tl::unexpected(line_.notThere());
+        if (isLost) return tl::unexpected(notThere());
         return fail(ErrorCode::NotConnected, "the server no longer answers");
     }
 }
@@ -135,7 +135,7 @@ Result<std::vector<LayerId>> Client::Impl::attach(const fs::path& projectFolder)
 
 void Client::Impl::close(const LayerId& id) {
     const auto* open = layers_.find(id);
-    if (!open && !opens_.has(id)) return;
+    if (!open && !opens_.has(id) && !layers_.isAwaited(id)) return;
     if (!mayBlock("close")) return;
     // A layer without content has no edits to send.
     if (open && (open->isFilled() || open->isRefilling())) {
@@ -155,6 +155,7 @@ void Client::Impl::close(const LayerId& id) {
 bool Client::Impl::flush(double timeoutMs) {
     if (!mayBlock("flush")) return false;
     const Stopwatch watch;
+    layers_.adoptAllLoaded();  // edits before a layer was live are reported
     for (;;) {
         tick(kBlockingBudgetMs);
         if (!client::EditorFrame::hasWrites(layers_.live()) && session_.pendingTransactions() == 0)
@@ -189,12 +190,18 @@ std::optional<Result<client::Event>> Client::Impl::answerTo(std::uint64_t reques
     return answers_.take(request);
 }
 
+Error Client::Impl::notThere() const {
+    return session_.otherHistory() ? session_.otherHistory()->reason : line_.notThere();
+}
+
 Error Client::Impl::notConfirmed(double timeoutMs) const {
     return {ErrorCode::NotConnected,
             std::to_string(session_.pendingTransactions()) +
                 " transactions were not confirmed within " +
                 std::to_string(std::int64_t(timeoutMs)) + " ms" +
-                (session_.isConnected() ? "" : ": there is no connection to the server")};
+                (session_.otherHistory()  ? ": " + session_.otherHistory()->reason.message
+                 : session_.isConnected() ? std::string()
+                                          : ": there is no connection to the server")};
 }
 
 // --- disconnecting
@@ -203,6 +210,7 @@ std::optional<client::UnsentWork> Client::Impl::leave(double timeoutMs) {
     if (!mayBlock("leave")) return std::nullopt;
     tick(0, Seal::Now);
     session_.endGesture();
+    gestures_ = 0;
     const bool sent = flush(timeoutMs);
     lost_.reportAll();
     events_.dispatch();

@@ -2,6 +2,7 @@
 #include "usd/Capture.h"
 
 #include <pxr/base/gf/matrix4d.h>
+#include <pxr/base/tf/diagnostic.h>
 #include <pxr/base/tf/stringUtils.h>
 #include <pxr/base/tf/type.h>
 #include <pxr/base/vt/value.h>
@@ -22,6 +23,7 @@ namespace usdlive::client {
 
 using pxr::SdfPath;
 using pxr::SdfSpecType;
+using pxr::TF_DIAGNOSTIC_RUNTIME_ERROR_TYPE;  // for TF_RUNTIME_ERROR
 using pxr::TfToken;
 
 namespace {
@@ -167,29 +169,43 @@ private:
     // Resets the layer's field, or a part of it, to the content of the working copy.
     void giveUp(const SdfPath& path, const TfToken& field, Error reason) {
         auto edits = written(path, field);
-        if (edits.empty()) reason.message += textOf(path, field);
+        if (edits.empty())
+            edits = keptAsText(path, field.GetString(), layer_->GetField(path, field), reason);
         lose(path, field.GetString(), reason, std::move(edits));
         const FieldValue* held = doc().field(path.GetString(), field.GetString());
         const EditAction back = held ? EditAction(SetField{field, {}, *held, ValueType::None})
                                      : EditAction(EraseField{field, {}});
         static_cast<void>(store_.apply(path.GetString(), back));
     }
-    // Returns the text of a value that no edit can express.
-    [[nodiscard]] std::string textOf(const SdfPath& path, const TfToken& field) const {
+    // Returns an edit that keeps a value which no edit can express: its text, as custom data of the
+    // spec. Adds the beginning of the text to the reason.
+    [[nodiscard]] std::vector<AuthoredEdit> keptAsText(const SdfPath& path,
+                                                       const std::string& field,
+                                                       const pxr::VtValue& value, Error& reason) {
         constexpr std::size_t kMostText = 1'000;
-        std::string text = pxr::TfStringify(layer_->GetField(path, field));
-        if (text.size() > kMostText) text = text.substr(0, kMostText) + "...";
-        return ". It was: " + text;
+        const std::string text = pxr::TfStringify(value);
+        reason.message += ". It was: " + text.substr(0, kMostText);
+        if (text.size() > kMostText)
+            reason.message += "... The lost work has all of it, in the custom data of the spec";
+        auto kept = usd::encodeLeaf(pxr::VtValue(text), blobs_);
+        if (!kept) return {};
+        const auto& data = path == SdfPath::AbsoluteRootPath() ? pxr::SdfFieldKeys->CustomLayerData
+                                                               : pxr::SdfFieldKeys->CustomData;
+        return {authored(path, SetField{data.GetString(), DictionaryKey{{"lost", field}},
+                                        std::move(*kept), ValueType::None})};
     }
-    void giveUpSample(const SdfPath& path, double time, const Error& reason) {
+    void giveUpSample(const SdfPath& path, double time, Error reason) {
         pxr::VtValue present;
         std::vector<AuthoredEdit> edits;
-        if (layer_->QueryTimeSample(path, time, &present))
+        const std::string what = std::string(kTimeSamples) + " at " + std::to_string(time);
+        if (layer_->QueryTimeSample(path, time, &present)) {
             if (auto value = usd::encodeLeaf(present, blobs_))
                 edits.push_back(authored(path, SetField{std::string(kTimeSamples), SampleTime{time},
                                                         std::move(*value), ValueType::None}));
-        lose(path, std::string(kTimeSamples) + " at " + std::to_string(time), reason,
-             std::move(edits));
+            else
+                edits = keptAsText(path, what, present, reason);
+        }
+        lose(path, what, reason, std::move(edits));
         const Value* held = sampleAt(doc().field(path.GetString(), kTimeSamples), time);
         const std::string field(kTimeSamples);
         const EditAction back =
@@ -418,11 +434,12 @@ private:
 };
 
 Capture::Capture(LayerId layer, std::function<const LayerDoc*()> view, std::function<void()> begun,
-                 std::function<void(const std::set<std::string>&)> clips)
+                 Named clips, Named layers)
     : layer_(std::move(layer)),
       view_(std::move(view)),
       begun_(std::move(begun)),
-      clips_(std::move(clips)) {}
+      clips_(std::move(clips)),
+      layers_(std::move(layers)) {}
 
 bool Capture::hasWrites() const { return working_.has_value() || foreign_; }
 
@@ -492,6 +509,11 @@ Result<void> Capture::record(std::string_view path, EditAction action) {
 bool Capture::isForeign() {
     if (std::this_thread::get_id() == thread_) return false;
     if (!foreign_.exchange(true)) begun_();
+    TF_RUNTIME_ERROR(
+        "%s is live and was edited by another thread than the one that uses its connection. The "
+        "edit "
+        "is reverted: make it on that thread",
+        layer_.value.c_str());
     return true;
 }
 
@@ -605,6 +627,10 @@ void Capture::clipsWritten(const pxr::VtValue& value) {
     std::set<std::string> assets;
     usd::addNamedAssets(value, assets);
     if (!assets.empty()) clips_(assets);
+}
+
+void Capture::layersNamed(const std::set<std::string>& assets) {
+    if (std::this_thread::get_id() == thread_) layers_(assets);
 }
 
 void Capture::appendBigArrays(std::vector<pxr::VtValue>& arrays) const {

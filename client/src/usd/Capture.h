@@ -29,16 +29,18 @@ namespace usdlive::client {
 /// and seal() reads the final content there. A value that was set a hundred times in a frame is one
 /// edit; a value that was set back is none.
 ///
-/// Used by the thread that owns the layer. Writes of other threads are refused: seal() reverts them
-/// and returns them as lost. Between two calls of seal() only the editor may change the layer.
+/// Used by the thread that owns the layer. Writes of other threads are refused: each causes an
+/// error of Tf, which Python raises there; seal() reverts them and returns them as lost. Between
+/// two calls of seal() only the editor may change the layer.
 class Capture final : public usd::LayerWriteObserver {
 public:
     /// `view` returns the session's view of the layer (Session::view()). `begun` is called by the
-    /// writing thread when hasWrites() becomes true. `clips` is called with the asset paths of
-    /// value clips that are written (addNamedAssets()), before the layer has changed.
+    /// writing thread when hasWrites() becomes true. `clips` and `layers` are called with the asset
+    /// paths of value clips and of layers that are written, before the layer has changed.
+    using Named = std::function<void(const std::set<std::string>&)>;
     Capture(
         LayerId layer, std::function<const LayerDoc*()> view, std::function<void()> begun = [] {},
-        std::function<void(const std::set<std::string>&)> clips = [](const auto&) {});
+        Named clips = [](const auto&) {}, Named layers = [](const auto&) {});
 
     [[nodiscard]] bool hasWrites() const;
 
@@ -76,6 +78,7 @@ public:
     void arrayWritten(const pxr::SdfPath& path, const pxr::TfToken& field,
                       std::optional<double> time, const pxr::VtValue& array) override;
     void clipsWritten(const pxr::VtValue& value) override;
+    void layersNamed(const std::set<std::string>& assets) override;
 
     /// Appends the arrays that were written since the last seal() and take long to encode: the last
     /// one of each register. They share memory with the layer.
@@ -107,7 +110,7 @@ private:
     const LayerId layer_;
     const std::function<const LayerDoc*()> view_;
     const std::function<void()> begun_;
-    const std::function<void(const std::set<std::string>&)> clips_;
+    const Named clips_, layers_;
     const std::thread::id thread_ = std::this_thread::get_id();  // the thread that owns the layer
     std::atomic<bool> foreign_ = false;  // another thread has written since the last seal()
     // The session's view with edits_ applied to it. Set from the first write to seal().

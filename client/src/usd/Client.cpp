@@ -8,6 +8,9 @@
 #include "transport/SystemUser.h"
 #include "usd/ClientImpl.h"
 #include "usd/Journal.h"
+#include "usdlive/common/core/ClientSecret.h"
+#include "usdlive/common/core/Thread.h"
+#include "usdlive/common/protocol/CheckedControl.h"
 
 namespace usdlive {
 
@@ -16,7 +19,11 @@ using client::ClientInternals;
 using client::LoadSet;
 
 Client::Client() = default;
-Client::~Client() = default;
+Client::~Client() {
+    // After fork(), the threads that the destructor would wait for are not there, and the socket
+    // and the journal belong to the other process.
+    if (impl_ && impl_->thread().isForked()) static_cast<void>(impl_.release());
+}
 
 // --- connecting
 
@@ -44,17 +51,28 @@ Result<std::unique_ptr<Client>> ClientInternals::connectBy(Connector connector,
 
 Result<std::unique_ptr<Client>> ClientInternals::make(std::unique_ptr<Connection> connection,
                                                       Connector connector,
-                                                      Client::Options options) {
+                                                      Client::Options options) try {
     if (options.user.empty()) options.user = systemUser().value;
+    // The server would refuse every connection.
+    Hello hello;
+    hello.user = UserName{options.user};
+    hello.application = options.application;
+    if (const auto sent = encodeChecked(hello); !sent)
+        return fail(ErrorCode::InvalidArgument,
+                    "the name of the user (at most 256 bytes) or of the application (at most 64 "
+                    "KiB) cannot be sent: " +
+                        sent.error().message);
     auto folders = ClientFolders::create(options.cacheFolder);
     if (!folders) return tl::unexpected(folders.error());
     std::unique_ptr<Client> made(new Client);
     made->impl_ = std::make_unique<Client::Impl>(std::move(connection), std::move(options),
-                                                 newClientId(), std::move(*folders));
+                                                 newClientSecret(), std::move(*folders));
     if (auto greeted = made->impl_->greet(); !greeted) return tl::unexpected(greeted.error());
     if (made->impl_->options().addresses) made->impl_->useAddresses();
     made->impl_->startJournal(std::move(connector));
     return made;
+} catch (const ThreadRefused& refused) {
+    return fail(ErrorCode::NotConnected, std::string("cannot connect: ") + refused.what());
 }
 
 // --- checks of the caller
@@ -158,8 +176,9 @@ const std::map<LayerId, LayerState>& Client::layerStates() const {
     return here("layerStates").session().layerStates();
 }
 
-void Client::showPresence(Presence presence) {
-    here("showPresence").session().showPresence(std::move(presence));
+Result<void> Client::showPresence(Presence presence) {
+    if (auto error = misuse("showPresence", false)) return tl::unexpected(*error);
+    return impl_->session().showPresence(std::move(presence));
 }
 
 void Client::hidePresence() { here("hidePresence").session().hidePresence(); }
@@ -217,6 +236,15 @@ Result<pxr::SdfLayerRefPtr> Client::lostWorkAsLayer(std::uint64_t index,
                                                     const LayerId& layer) const {
     if (auto error = misuse("lostWorkAsLayer", false)) return tl::unexpected(*error);
     return impl_->lostWorkAsLayer(index, layer);
+}
+
+const std::optional<client::OtherHistory>& Client::otherHistory() const {
+    return here("otherHistory").session().otherHistory();
+}
+
+Result<void> Client::joinOtherHistory() {
+    if (auto error = misuse("joinOtherHistory", false)) return tl::unexpected(*error);
+    return impl_->session().joinOtherHistory();
 }
 
 std::vector<client::UnsentWork> Client::unsentWork() { return here("unsentWork").unsentWork(); }

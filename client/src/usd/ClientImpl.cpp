@@ -9,6 +9,7 @@
 
 #include "usd/Clocks.h"
 #include "usd/Raised.h"
+#include "usdlive/common/core/ClientSecret.h"
 
 namespace usdlive {
 
@@ -44,9 +45,10 @@ Result<ClientFolders> ClientFolders::create(const fs::path& folder) {
     return folders;
 }
 
-Client::Impl::Impl(std::unique_ptr<client::Connection> connection, Options options, ClientId id,
-                   ClientFolders folders)
+Client::Impl::Impl(std::unique_ptr<client::Connection> connection, Options options,
+                   const Hash& secret, ClientFolders folders)
     : options_(std::move(options)),
+      secret_(secret),
       ownFolder_(std::move(folders.own)),
       background_(std::move(folders.background)),
       cache_(*folders.cache),
@@ -55,31 +57,38 @@ Client::Impl::Impl(std::unique_ptr<client::Connection> connection, Options optio
       values_(cache_.folder() / ".usdlive-blobs", options_.cacheBytes),
       frame_(values_.cache(), encoder_, lost_),
       line_(std::move(connection)),
-      session_(sessionOptions(options_, std::move(id)), *this, *this),
+      session_(sessionOptions(options_, secret_), *this, *this),
       layers_({session_, places_, files_, events_, lost_, values_, frame_.sink(), filler_,
                *background_, UserName{options_.user}}),
       opens_(layers_, values_, events_),
       locks_(layers_.live(), frame_, session_, UserName{options_.user}),
       late_(layers_.live(), places_, files_, *background_),
       uploads_(session_, *this) {
-    session_.showPresence({});
+    static_cast<void>(session_.showPresence({}));
     if (ownFolder_)
-        removing_ = std::async(std::launch::async, [parent = cache_.folder().parent_path()] {
-            client::ProcessFolder::removeDead(parent, kCachePrefix);
-        });
+        // If the system refuses a thread, a later client removes them.
+        removing_ = std::async(std::launch::async | std::launch::deferred,
+                               [parent = cache_.folder().parent_path()] {
+                                   client::ProcessFolder::removeDead(parent, kCachePrefix);
+                               });
 }
 
 Client::Impl::~Impl() {
+    {
+        const pxr::SdfChangeBlock block;
+        frame_.seal(layers_.live(), session_);
+        session_.endGesture();
+        session_.advance(kLastBudgetMs, steadyMs());
+    }
+    applyApart();
     const pxr::SdfChangeBlock block;
-    frame_.seal(layers_.live(), session_);
-    session_.endGesture();
-    session_.advance(kLastBudgetMs, steadyMs());
     layers_.leaveAll();
 }
 
-client::Session::Options Client::Impl::sessionOptions(const Options& options, ClientId id) {
+client::Session::Options Client::Impl::sessionOptions(const Options& options, const Hash& secret) {
     client::Session::Options session;
-    session.client = std::move(id);
+    session.client = clientIdOf(secret);
+    session.secret = secret;
     session.user = UserName{options.user};
     session.application = options.application;
     return session;
@@ -141,6 +150,7 @@ void Client::Impl::work(double budgetMs, TickResult& result, Seal seal) {
         layers_.makeNamedFindable();
         late_.compose();
     }
+    applyApart();
     late_.composeClips();
     takeEvents(std::move(happened), result);
     result.more = opens_.advance(left()) || result.more;
@@ -153,6 +163,20 @@ void Client::Impl::work(double budgetMs, TickResult& result, Seal seal) {
     if (auto error = places_.takeError()) events_.report(std::move(*error));
     values_.release(session_, lost_.blobs(),
                     [&] { return unsent_ ? unsent_->neededBlobs() : std::set<Hash>(); });
+}
+
+// A notice handler may leave a layer at the end of a block.
+void Client::Impl::applyApart() {
+    std::vector<LayerId> layers;
+    for (const LiveLayer* live : layers_.live().active())
+        if (live->hasApart()) layers.push_back(live->id());
+    for (const LayerId& id : layers)
+        for (LiveLayer* live = layers_.find(id); live && live->hasApart();
+             live = layers_.find(id)) {
+            const pxr::SdfChangeBlock block;
+            live->applyApart();
+            layers_.makeNamedFindable();
+        }
 }
 
 void Client::Impl::useAddresses() {
@@ -210,6 +234,9 @@ bool Client::Impl::exchange(double budgetMs, Seal seal) {
 }
 
 void Client::Impl::setGesture(bool begins) {
+    if (!begins && gestures_ == 0) return;
+    gestures_ += begins ? 1 : -1;
+    if (gestures_ != (begins ? 1 : 0)) return;  // inside another gesture
     // Earlier writes do not belong to a gesture that begins, but to one that ends.
     tick(0, Seal::Now);
     if (begins)
@@ -258,6 +285,7 @@ bool Client::Impl::note(client::Event& one) {
         one);
     if (const auto* connected = std::get_if<event::Connected>(&one)) {
         line_.welcomed();
+        followProject(connected->welcome.store.value_or(store_));
         std::vector<LayerId> layers;
         for (const LayerInfo& info : connected->welcome.layers) layers.push_back(info.layer);
         late_.add(layers_.setOfProject(std::move(layers)));
@@ -270,8 +298,8 @@ bool Client::Impl::note(client::Event& one) {
         joined_.push_back(std::move(*joined));
         return false;
     } else if (const auto* failed = std::get_if<event::JoinFailed>(&one)) {
-        layers_.failed(failed->layer);
         opens_.failed(failed->layer, failed->reason);
+        return layers_.failed(failed->layer, failed->reason);
     } else if (auto* lost = std::get_if<event::Lost>(&one)) {
         lost_.add(std::move(lost->work));
         return false;
@@ -305,12 +333,24 @@ Result<pxr::SdfLayerRefPtr> Client::Impl::lostWorkAsLayer(std::uint64_t index, c
 }
 
 void Client::Impl::startJournal(client::ClientInternals::Connector connector) {
+    connector_ = std::move(connector);
+    openJournal();
+}
+
+// After another project was joined (ID4), its unsent edits do not belong to those of the first one.
+void Client::Impl::followProject(const StoreId& store) {
+    line_.connection().prefer(store);
+    if (isOtherStore(std::exchange(store_, store), store) && unsent_) openJournal();
+}
+
+void Client::Impl::openJournal() {
     const auto& state = options_.stateFolder;
+    unsent_.reset();  // one journal of a client is open at a time
     unsent_ = std::make_unique<client::UnsentWorkStore>(
         state.empty()
             ? fs::path()
             : client::journalFolder(state, session_.welcome()->project, UserName{options_.user}),
-        std::move(connector), sessionOptions(options_, session_.id()), values_.cache());
+        store_, connector_, sessionOptions(options_, secret_), values_.cache());
     if (auto found = unsentWork(); !found.empty())
         events_.push(event::UnsentFound{std::move(found)});
 }

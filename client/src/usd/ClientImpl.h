@@ -47,7 +47,7 @@ struct ClientFolders {
 /// each tick, and connects them with the session.
 class Client::Impl final : public client::SessionHost, public client::LayerView {
 public:
-    Impl(std::unique_ptr<client::Connection> connection, Options options, ClientId id,
+    Impl(std::unique_ptr<client::Connection> connection, Options options, const Hash& secret,
          ClientFolders folders);
     ~Impl() override;
 
@@ -88,6 +88,7 @@ public:
     // Lost and unsent edits.
     [[nodiscard]] Result<pxr::SdfLayerRefPtr> lostWorkAsLayer(std::uint64_t index,
                                                               const LayerId& id);
+    /// Keeps unsent edits from now on in the folder of the present project.
     void startJournal(client::ClientInternals::Connector connector);
     [[nodiscard]] std::vector<client::UnsentWork> unsentWork();
     Result<client::SentWork> sendUnsent(const ClientId& work, double timeoutMs);
@@ -116,7 +117,7 @@ public:
 
     // SessionHost
     void send(SharedBytes frames) override { line_.connection().send(std::move(frames)); }
-    bool takesMore() override { return line_.connection().queuedBytes() < client::kMaxQueuedBytes; }
+    std::size_t bulkBytes() override { return line_.connection().bulkBytes(); }
     SharedBytes localBlob(const Hash& hash) override { return values_.cache().blob(hash); }
     bool holdsBlob(const Hash& hash) override { return values_.cache().holds(hash); }
     void blobArrived(const Hash& hash, SharedBytes bytes, bool lasting) override {
@@ -135,23 +136,28 @@ public:
     void apply(const LayerId& id, const std::string& path, const EditAction& action) override;
 
 private:
-    static client::Session::Options sessionOptions(const Options& options, ClientId id);
+    static client::Session::Options sessionOptions(const Options& options, const Hash& secret);
 
     void work(double budgetMs, TickResult& result, Seal seal);
     bool exchange(double budgetMs, Seal seal);
+    void applyApart();
     void takeEvents(std::vector<client::Event> happened, TickResult& result);
     /// Returns false for events that the editor does not get, or not yet.
     bool note(client::Event& one);
     bool noteError(const ErrorMessage& message);
     void reportJoined();
+    void followProject(const StoreId& store);
+    void openJournal();
     void followFiles();
     void followUploads();
 
     Result<void> waitForOpen(std::uint64_t request);
+    [[nodiscard]] Error notThere() const;
     [[nodiscard]] Error notConfirmed(double timeoutMs) const;
     [[nodiscard]] std::optional<client::UnsentWork> unsent();
 
     const Options options_;
+    const Hash secret_;                      // proves the id of the client (ID5)
     const client::ProcessFolder ownFolder_;  // used if the editor has not set one
     std::future<void> removing_;             // removes the folders of killed editors
     client::CallerThread thread_;
@@ -166,6 +172,8 @@ private:
     client::EditorFrame frame_;
     client::ServerLine line_;
     std::unique_ptr<client::UnsentWorkStore> unsent_;  // set when the project is known
+    StoreId store_;                                    // the project of unsent_
+    client::ClientInternals::Connector connector_;
     client::Session session_;
     client::ProjectFiles files_;
     client::OpenLayers layers_;
@@ -179,6 +187,7 @@ private:
     client::Answers answers_;
     std::vector<client::event::Joined> joined_;  // events for layers that are not filled yet
     bool ticking_ = false;
+    int gestures_ = 0;  // open ones, each inside the one before
 };
 
 }  // namespace usdlive

@@ -65,8 +65,6 @@ void ClipFiles::addArcs(const pxr::SdfLayerHandle& layer, const std::set<std::st
 void ClipFiles::opens(const LayerId& id) {
     if (files_.erase(id) == 0) return;
     projectFiles_.readAsFile(id.value, false);
-    if (const auto layer = pxr::SdfLayer::Find(places_.identifierOf(id)))
-        layer->SetPermissionToEdit(true);
 }
 
 void ClipFiles::closed(const LayerId& id) {

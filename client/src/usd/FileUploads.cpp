@@ -14,6 +14,7 @@
 #include "usdlive/common/core/Descriptor.h"
 #include "usdlive/common/core/FilePath.h"
 #include "usdlive/common/core/Sha256.h"
+#include "usdlive/common/core/Thread.h"
 #include "usdlive/common/core/Utf8.h"
 
 namespace usdlive::client {
@@ -28,6 +29,7 @@ constexpr std::size_t kPartsAhead = 16;
 // The server may drop a value before the upload names it.
 constexpr int kMostTransfers = 3;
 constexpr std::int64_t kUploadReportMs = 500;
+constexpr std::size_t kMostInterrupted = 1'000;
 
 Error cannotUpload(const fs::path& from, ErrorCode code, const std::string& why) {
     return {code, inQuotes(from.native()) + " cannot be uploaded: " + why};
@@ -89,16 +91,17 @@ public:
         parts_.pop_front();
         return part;
     }
-    /// Returns whether the worker has to prepare more parts, once.
-    [[nodiscard]] bool needsMore(const Content& content) {
+    /// Returns whether the worker has to prepare more parts, once. They have at most `partBytes`.
+    [[nodiscard]] bool needsMore(const Content& content, std::size_t partBytes) {
         const std::lock_guard lock(mutex_);
+        partBytes_ = partBytes;
         if (isPreparing_ || at_ >= content.size || parts_.size() > kPartsAhead / 2) return false;
         return isPreparing_ = true;
     }
-    /// Begins with the first part again. Precondition: the last part was taken.
-    void rewind() {
+    /// Continues at `offset`. Precondition: no part is prepared, and none is being prepared.
+    void seek(std::uint64_t offset) {
         const std::lock_guard lock(mutex_);
-        at_ = 0;
+        at_ = offset;
     }
 
     std::atomic<bool> isStopped = false;
@@ -144,7 +147,7 @@ private:
     }
 
     Result<Part> readPart(const Content& content) {
-        Bytes bytes(std::size_t(std::min<std::uint64_t>(content.size - at_, kChunkBytes)));
+        Bytes bytes(std::size_t(std::min<std::uint64_t>(content.size - at_, partBytes_)));
         const auto count = fill(at_, bytes);
         if (!count) return tl::unexpected(count.error());
         if (*count < bytes.size()) return changed();
@@ -189,6 +192,7 @@ private:
     std::deque<Part> parts_;
     std::optional<Error> failure_;
     std::uint64_t at_ = 0;  // begins the next part
+    std::atomic<std::size_t> partBytes_ = kChunkBytes;
     bool isPreparing_ = false;
 };
 
@@ -249,11 +253,16 @@ void FileUploads::begin() {
         return end(tl::unexpected(
             cannotUpload(upload.from, ErrorCode::NotConnected,
                          "there is no connection to the server. Try again when it is connected")));
+    try {
+        if (!reader_) reader_ = std::make_unique<Worker>();
+    } catch (const ThreadRefused& refused) {
+        return end(tl::unexpected(
+            cannotUpload(upload.from, ErrorCode::InvalidConfiguration, refused.what())));
+    }
     stage_ = Stage::Hash;
     transfers_ = 0;
     sent_ = 0;
     source_ = std::make_shared<Source>(upload.from, session_.welcome()->maxBlobBytes);
-    if (!reader_) reader_ = std::make_unique<Worker>();
     reader_->post([source = source_] { source->hash(); });
 }
 
@@ -292,15 +301,18 @@ void FileUploads::answered(bool complete) {
             "the server dropped the content before it could write the file. Serve with a larger "
             "--keep-unused-blobs")));
     stage_ = Stage::Parts;
-    sent_ = 0;
-    source_->rewind();
-    transferred_.insert((*source_->content())->hash);
+    const Hash hash = (*source_->content())->hash;
+    const auto interrupted = interrupted_.extract(hash);
+    isContinued_ = !interrupted.empty();
+    sent_ = isContinued_ ? interrupted.mapped() : 0;
+    source_->seek(sent_);
+    transferred_.insert(hash);
 }
 
 bool FileUploads::sendParts() {
     const auto content = **source_->content();
-    while (sent_ < content.size && host_.takesMore()) {
-        if (source_->needsMore(content))
+    for (std::size_t most; sent_ < content.size && (most = host_.bulkBytes()) > 0;) {
+        if (source_->needsMore(content, most))
             reader_->post([source = source_, content] { source->prepare(content); });
         const auto part = source_->take();
         if (!part) return false;
@@ -308,6 +320,7 @@ bool FileUploads::sendParts() {
             end(tl::unexpected(part->error()));
             return true;
         }
+        parts_.add(content.hash, sent_, (*part)->frame->size());
         host_.send((*part)->frame);
         sent_ += (*part)->bytes;
         ++steps_;
@@ -323,6 +336,7 @@ void FileUploads::blobStored(const Hash& hash) {
 
 bool FileUploads::note(const Event& event) {
     if (std::holds_alternative<event::Disconnected>(event)) {
+        interrupt();
         endAll({ErrorCode::NotConnected, "the connection to the server was lost"});
         transferred_.clear();
         return false;
@@ -349,7 +363,24 @@ bool FileUploads::note(const Event& event) {
     return isAnswer || isAboutParts;
 }
 
+/// TL2: another upload of the same content continues where this connection was lost.
+void FileUploads::interrupt() {
+    if (source_ && (stage_ == Stage::Parts || stage_ == Stage::Stored) && sent_ > 0) {
+        const auto content = **source_->content();
+        const auto first = parts_.firstOf(session_.unconfirmed());
+        const auto part = first.find(content.hash);
+        const std::uint64_t confirmed = sent_ < content.size ? sent_ : parts_.lastOf(content.hash);
+        if (interrupted_.size() >= kMostInterrupted) interrupted_.clear();
+        interrupted_[content.hash] = part == first.end() ? confirmed : part->second;
+    }
+    parts_.clear();
+}
+
 void FileUploads::failed(const Error& error) {
+    if (error.code == ErrorCode::BlobMismatch && isContinued_) {
+        // The server does not have the beginning any more.
+        return leave();  // advance() begins again
+    }
     const Upload& upload = uploads_.front();
     if (error.code == ErrorCode::NotConnected)
         return endAll({error.code, "the connection to the server was lost"});

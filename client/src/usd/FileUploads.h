@@ -4,12 +4,14 @@
 #include <cstdint>
 #include <deque>
 #include <filesystem>
+#include <map>
 #include <memory>
 #include <optional>
 #include <set>
 #include <string>
 #include <vector>
 
+#include "session/BlobTransfer.h"
 #include "session/Session.h"
 #include "usd/Worker.h"
 
@@ -70,6 +72,7 @@ private:
     void ask();
     void answered(bool complete);
     bool sendParts();
+    void interrupt();
     void failed(const Error& error);
     void end(Result<void> outcome);
     void endAll(const Error& why);
@@ -80,10 +83,13 @@ private:
     std::deque<Upload> uploads_;  // the first one is the present one if source_ is set
     std::shared_ptr<Source> source_;
     Stage stage_ = Stage::Hash;
-    std::uint64_t request_ = 0;   // awaited; 0: none
-    int transfers_ = 0;           // transfers of the present upload
-    std::uint64_t sent_ = 0;      // bytes of the present transfer
-    std::set<Hash> transferred_;  // errors about parts of them are expected here
+    std::uint64_t request_ = 0;                  // awaited; 0: none
+    int transfers_ = 0;                          // transfers of the present upload
+    std::uint64_t sent_ = 0;                     // bytes of the present transfer
+    bool isContinued_ = false;                   // the present transfer did not begin at 0
+    SentParts parts_;                            // on this connection
+    std::map<Hash, std::uint64_t> interrupted_;  // by content: the offset at which it continues
+    std::set<Hash> transferred_;                 // errors about parts of them are expected here
     std::vector<Ended> ended_;
     std::optional<std::int64_t> reportedMs_;
     std::uint64_t steps_ = 0;

@@ -118,6 +118,11 @@ std::optional<LayerId> AllPlaces::layerOf(const pxr::SdfLayerHandle& layer) cons
     return std::nullopt;
 }
 
+bool AllPlaces::isPlaceholder(const pxr::SdfLayerHandle& layer) const {
+    return std::ranges::any_of(places_,
+                               [&](const auto& place) { return place->isPlaceholder(layer); });
+}
+
 Result<bool> AllPlaces::makeFindable(const LayerId& layer) { return first().makeFindable(layer); }
 
 void AllPlaces::remove(const LayerId& layer) { first().remove(layer); }

@@ -24,6 +24,7 @@ public:
     [[nodiscard]] std::string identifierOf(const LayerId& layer) const override;
     [[nodiscard]] std::optional<LayerId> layerAt(const std::string& identifier) const override;
     [[nodiscard]] std::optional<LayerId> layerOf(const pxr::SdfLayerHandle& layer) const override;
+    [[nodiscard]] bool isPlaceholder(const pxr::SdfLayerHandle&) const override { return false; }
     Result<bool> makeFindable(const LayerId&) override { return false; }
     void remove(const LayerId&) override {}
     void add(std::vector<LayerId>, double) override {}
@@ -53,6 +54,9 @@ public:
     [[nodiscard]] std::string identifierOf(const LayerId& layer) const override;
     [[nodiscard]] std::optional<LayerId> layerAt(const std::string& identifier) const override;
     [[nodiscard]] std::optional<LayerId> layerOf(const pxr::SdfLayerHandle& layer) const override;
+    [[nodiscard]] bool isPlaceholder(const pxr::SdfLayerHandle& layer) const override {
+        return layerOf(layer).has_value();
+    }
     Result<bool> makeFindable(const LayerId& layer) override { return placeholders_.make(layer); }
     void remove(const LayerId& layer) override { placeholders_.remove(layer); }
     void add(std::vector<LayerId> layers, double budgetMs) override;
@@ -83,6 +87,7 @@ public:
     [[nodiscard]] std::string identifierOf(const LayerId& layer) const override;
     [[nodiscard]] std::optional<LayerId> layerAt(const std::string& identifier) const override;
     [[nodiscard]] std::optional<LayerId> layerOf(const pxr::SdfLayerHandle& layer) const override;
+    [[nodiscard]] bool isPlaceholder(const pxr::SdfLayerHandle& layer) const override;
     Result<bool> makeFindable(const LayerId& layer) override;
     void remove(const LayerId& layer) override;
     void add(std::vector<LayerId> layers, double budgetMs) override;

@@ -12,6 +12,7 @@
 #include "Clocks.h"
 #include "usd/LostWorkStore.h"
 #include "usdlive/common/core/ByteStream.h"
+#include "usdlive/common/core/Thread.h"
 
 namespace usdlive::client {
 
@@ -28,7 +29,15 @@ constexpr auto kRetry = milliseconds(1'000);
 constexpr std::uint64_t kCompactBytes = 16 * 1024 * 1024;
 constexpr const char* kExtension = ".journal";
 constexpr const char* kBlobExtension = ".blobs";
-constexpr std::uint8_t kWork = 1, kAnswered = 2;
+// The first byte of a record. Earlier versions wrote transactions without the store's identity.
+constexpr std::uint8_t kWorkWithoutStore = 1, kAnswered = 2, kWork = 3, kSecret = 4;
+
+Hash takeHash(ByteReader& reader) {
+    Hash hash;
+    const ByteView bytes = reader.take(hash.bytes.size());
+    std::copy(bytes.begin(), bytes.end(), hash.bytes.begin());
+    return hash;
+}
 
 Bytes encodeWork(const JournaledWork& work) {
     Bytes bytes{kWork};
@@ -36,21 +45,28 @@ Bytes encodeWork(const JournaledWork& work) {
     appendNumber<std::int64_t>(bytes, work.timeMs);
     appendNumber<std::uint64_t>(bytes, work.revision);
     appendBytes(bytes, work.hash.bytes);
+    appendText(bytes, work.store.value);
     appendBytes(bytes, encodeAuthored(work.sequence, work.edits));
     return bytes;
 }
 
-Result<JournaledWork> decodeWork(ByteReader& reader) {
+Result<JournaledWork> decodeWork(std::uint8_t kind, ByteReader& reader) {
     JournaledWork work;
     work.sequence = reader.u64();
     work.timeMs = reader.i64();
     work.revision = reader.u64();
-    const ByteView hash = reader.take(work.hash.bytes.size());
-    std::copy(hash.begin(), hash.end(), work.hash.bytes.begin());
+    work.hash = takeHash(reader);
+    if (kind != kWorkWithoutStore) work.store.value = reader.text();
     auto edits = decodeAuthored(reader.take(reader.left()));
     if (!edits) return tl::unexpected(edits.error());
     work.edits = std::move(*edits);
     return work;
+}
+
+Bytes encodeSecret(const Hash& secret) {
+    Bytes bytes{kSecret};
+    appendBytes(bytes, secret.bytes);
+    return bytes;
 }
 
 Bytes encodeAnswered(std::uint64_t sequence) {
@@ -124,7 +140,7 @@ Result<void> writeSynced(const fs::path& path, const Bytes& bytes) {
         return fail(ErrorCode::StorageFailed, "cannot write " + path.string() + ": " + reason);
     };
     const Descriptor file(
-        ::open(unfinished.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600));
+        ::open(unfinished.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC | O_NONBLOCK, 0600));
     if (!file) return failed();
     std::size_t written = 0;
     while (written < bytes.size()) {
@@ -174,11 +190,13 @@ fs::path stateFolder() {
 
 // ---- Journal
 
-Journal::Journal(fs::path folder, ClientId client, usd::BlobSource& blobs)
+Journal::Journal(fs::path folder, ClientId client, std::optional<Hash> secret,
+                 usd::BlobSource& blobs)
     : folder_(std::move(folder)),
       client_(std::move(client)),
+      secret_(std::move(secret)),
       blobs_(blobs),
-      thread_([this] { run(); }) {}
+      thread_(startThread("usdlive journal", [this] { run(); })) {}
 
 Journal::~Journal() {
     {
@@ -190,7 +208,8 @@ Journal::~Journal() {
 }
 
 void Journal::pending(const PendingWork& work) {
-    JournaledWork kept{work.sequence, wallClockMs(), work.revision, work.hash, work.edits};
+    JournaledWork kept{work.sequence, wallClockMs(), work.revision,
+                       work.hash,     work.store,    work.edits};
     const std::lock_guard lock(mutex_);
     if (works_.empty() && answered_.empty())
         changed_.notify_all();  // otherwise the thread is awake
@@ -321,6 +340,11 @@ Result<void> Journal::openFile() {
     auto opened = RecordFile::open(journalPath(folder_, client_), RecordFile::Mode::New);
     if (!opened) return tl::unexpected(opened.error());
     file_ = std::move(*opened);
+    if (secret_)
+        if (const auto written = file_.append({encodeSecret(*secret_)}); !written) {
+            file_.remove();
+            return tl::unexpected(written.error());
+        }
     syncFolder(folder_);
     return {};
 }
@@ -378,6 +402,9 @@ Result<void> Journal::compact() {
     fs::remove(unfinished, ignored);
     auto fresh = RecordFile::open(unfinished, RecordFile::Mode::New);
     if (!fresh) return tl::unexpected(fresh.error());
+    if (secret_)
+        if (const auto written = fresh->append({encodeSecret(*secret_)}); !written)
+            return tl::unexpected(written.error());
     std::map<std::uint64_t, Place> places;
     for (const auto& [sequence, place] : places_) {
         auto record = file_.read(place.at);
@@ -422,7 +449,9 @@ Result<LeftJournal> LeftJournal::open(const fs::path& folder, const ClientId& cl
         const std::uint8_t kind = reader.u8();
         if (kind == kAnswered) {
             journal.works_.erase(reader.u64());
-        } else if (auto work = decodeWork(reader)) {
+        } else if (kind == kSecret) {
+            journal.secret_ = takeHash(reader);
+        } else if (auto work = decodeWork(kind, reader)) {
             journal.works_[work->sequence] = std::move(*work);
         } else {
             damage = work.error();
@@ -435,7 +464,8 @@ Result<LeftJournal> LeftJournal::open(const fs::path& folder, const ClientId& cl
     return journal;
 }
 
-std::vector<UnsentWork> LeftJournal::list(const fs::path& folder, std::vector<Error>& damaged) {
+std::vector<UnsentWork> LeftJournal::list(const fs::path& folder, const StoreId& store,
+                                          std::vector<Error>& damaged) {
     std::vector<UnsentWork> all;
     std::error_code error;
     for (const auto& entry : fs::directory_iterator(folder, error)) {
@@ -447,10 +477,12 @@ std::vector<UnsentWork> LeftJournal::list(const fs::path& folder, std::vector<Er
                 damaged.push_back(journal.error());
             continue;
         }
-        if (journal->works().empty())
+        if (journal->works().empty()) {
             journal->remove();
-        else
-            all.push_back(journal->summary());
+            continue;
+        }
+        all.push_back(journal->summary());
+        all.back().otherProject = journal->isOfOther(store);
     }
     std::sort(all.begin(), all.end(),
               [](const auto& left, const auto& right) { return left.timeMs < right.timeMs; });
@@ -463,6 +495,11 @@ UnsentWork LeftJournal::summary() const {
     sum.file = file_.path().string();
     for (const auto& [sequence, work] : works_) add(sum, describe(work.timeMs, work.edits));
     return sum;
+}
+
+bool LeftJournal::isOfOther(const StoreId& store) const {
+    return std::ranges::any_of(
+        works_, [&](const auto& one) { return isOtherStore(one.second.store, store); });
 }
 
 fs::path LeftJournal::blobFolder() const { return blobFolderOf(file_.path()); }

@@ -24,7 +24,8 @@ struct JournaledWork {
     std::uint64_t sequence = 0;
     std::int64_t timeMs = 0;  ///< milliseconds since 1970
     Revision revision = 0;
-    Hash hash;  ///< hash of the chain at that revision
+    Hash hash;      ///< hash of the chain at that revision
+    StoreId store;  ///< the identity of the project's store (ID3); empty: unknown
     std::vector<AuthoredEdit> edits;
 };
 
@@ -37,7 +38,8 @@ struct JournaledWork {
 class Journal {
 public:
     /// `folder` is a journalFolder(). It is created when it is first needed.
-    Journal(std::filesystem::path folder, ClientId client, usd::BlobSource& blobs);
+    Journal(std::filesystem::path folder, ClientId client, std::optional<Hash> secret,
+            usd::BlobSource& blobs);
     /// Writes the pending transactions.
     ~Journal();
 
@@ -75,6 +77,7 @@ private:
 
     const std::filesystem::path folder_;
     const ClientId client_;
+    const std::optional<Hash> secret_;
     usd::BlobSource& blobs_;
 
     std::mutex mutex_;  // guards the following members
@@ -112,13 +115,18 @@ public:
     /// Error: StorageLocked (its connection still exists, or another process is sending it).
     [[nodiscard]] static Result<LeftJournal> open(const std::filesystem::path& folder,
                                                   const ClientId& client);
-    /// Returns the journals with transactions that no process uses, the oldest first. `damaged`
-    /// receives the reasons why others cannot be read.
+    /// Returns the journals with transactions that no process uses, the oldest first, as seen from
+    /// the project with this store. `damaged` receives the reasons why others cannot be read.
     [[nodiscard]] static std::vector<UnsentWork> list(const std::filesystem::path& folder,
+                                                      const StoreId& store,
                                                       std::vector<Error>& damaged);
 
     [[nodiscard]] const std::map<std::uint64_t, JournaledWork>& works() const { return works_; }
     [[nodiscard]] UnsentWork summary() const;
+    /// Returns whether a transaction was made in another project than that of the store (ID3).
+    [[nodiscard]] bool isOfOther(const StoreId& store) const;
+    /// Returns the secret of its client (ID5); nothing in a journal of an earlier version.
+    [[nodiscard]] const std::optional<Hash>& secret() const { return secret_; }
     [[nodiscard]] std::filesystem::path blobFolder() const;
     /// Removes answered transactions. `renumbered` replaces one of them. Returns when the change is
     /// on the disk.
@@ -128,6 +136,7 @@ public:
 
 private:
     ClientId client_;
+    std::optional<Hash> secret_;
     RecordFile file_;
     std::map<std::uint64_t, JournaledWork> works_;
 };

@@ -1,7 +1,10 @@
 // Keeps which connection each live layer of this process belongs to.
 #include "usd/LayerClaims.h"
 
+#include <pthread.h>
+
 #include <algorithm>
+#include <utility>
 
 namespace usdlive::client {
 
@@ -11,14 +14,45 @@ LayerClaims& LayerClaims::ofProcess() {
     return claims;
 }
 
+// The handlers of fork() hold the mutex, so that the new process finds the entries complete.
+LayerClaims::LayerClaims() {
+    ::pthread_atfork([] { ofProcess().mutex_.lock(); }, [] { ofProcess().mutex_.unlock(); },
+                     [] {
+                         ofProcess().closeAll();
+                         ofProcess().mutex_.unlock();
+                     });
+}
+
+// Only sets flags: after fork(), a function that allocates memory might wait for ever.
+void LayerClaims::closeAll() {
+    for (auto& [key, entry] : entries_)
+        if (entry.owner && entry.layer) entry.layer->SetPermissionToEdit(false);
+}
+
 bool LayerClaims::claim(const pxr::SdfLayerHandle& layer, const void* owner) {
     const std::lock_guard lock(mutex_);
+    Entry& entry = entryOf(layer);
+    if (entry.owner && entry.owner != owner) return false;
+    entry.owner = owner;
+    if (std::exchange(entry.isClosed, false)) layer->SetPermissionToEdit(true);
+    return true;
+}
+
+void LayerClaims::close(const pxr::SdfLayerHandle& layer) {
+    const std::lock_guard lock(mutex_);
+    Entry& entry = entryOf(layer);
+    // A muted layer never permits edits, so the editor's own setting is unknown.
+    const bool permits = layer->IsMuted() || layer->PermissionToEdit();
+    if (entry.owner || entry.isClosed || !permits) return;
+    layer->SetPermissionToEdit(false);
+    entry.isClosed = true;
+}
+
+LayerClaims::Entry& LayerClaims::entryOf(const pxr::SdfLayerHandle& layer) {
     if (entries_.size() >= forgetAt_) forgetExpired();
     Entry& entry = entries_[layer.GetUniqueIdentifier()];
-    if (entry.owner && entry.owner != owner) return false;
     entry.layer = layer;
-    entry.owner = owner;
-    return true;
+    return entry;
 }
 
 bool LayerClaims::isLiveElsewhere(const pxr::SdfLayerHandle& layer, const void* owner) const {
@@ -42,7 +76,7 @@ std::optional<LayerDoc> LayerClaims::left(const pxr::SdfLayerHandle& layer) cons
     return found == entries_.end() ? std::nullopt : found->second.left;
 }
 
-// Called when the number of entries has doubled, so that claim() stays cheap.
+// Called when the number of entries has doubled, so that entryOf() stays cheap.
 void LayerClaims::forgetExpired() {
     std::erase_if(entries_, [](const auto& entry) { return entry.second.layer.IsExpired(); });
     forgetAt_ = std::max<std::size_t>(64, 2 * entries_.size());

@@ -15,16 +15,22 @@ namespace usdlive::client {
 /// for one layer would each apply the edits of the other, and a layer has only one state delegate.
 ///
 /// Also keeps the content of a layer when it stops being live: a layer that is opened again has
-/// unsent edits only if it differs from that. May be used by any thread.
+/// unsent edits only if it differs from that. Placeholders that are not live are closed to edits,
+/// which would go nowhere, and so are live layers in a process that fork() makes. May be used by
+/// any thread.
 class LayerClaims {
 public:
     static LayerClaims& ofProcess();
 
-    /// Claims the layer for `owner`. Returns false if it belongs to another owner.
+    /// Claims the layer for `owner`, and undoes close(). Returns false if it belongs to another
+    /// owner.
     [[nodiscard]] bool claim(const pxr::SdfLayerHandle& layer, const void* owner);
     [[nodiscard]] bool isLiveElsewhere(const pxr::SdfLayerHandle& layer, const void* owner) const;
     /// Ends the claim. `left` is the present content of the layer; nothing if it is unknown.
     void release(const pxr::SdfLayerHandle& layer, const void* owner, std::optional<LayerDoc> left);
+    /// Makes a layer that is not live refuse edits (`permissionToEdit`), until it is claimed. Does
+    /// so once: an editor that permits edits again wants a copy of its own.
+    void close(const pxr::SdfLayerHandle& layer);
     /// Returns the content of the layer when it was released last.
     [[nodiscard]] std::optional<LayerDoc> left(const pxr::SdfLayerHandle& layer) const;
 
@@ -33,8 +39,12 @@ private:
         pxr::SdfLayerHandle layer;  // prevents that the key is used again
         const void* owner = nullptr;
         std::optional<LayerDoc> left;
+        bool isClosed = false;  // by close()
     };
 
+    LayerClaims();
+    void closeAll();
+    Entry& entryOf(const pxr::SdfLayerHandle& layer);
     void forgetExpired();
 
     mutable std::mutex mutex_;  // guards all members below

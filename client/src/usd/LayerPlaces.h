@@ -28,6 +28,10 @@ public:
     [[nodiscard]] virtual std::optional<LayerId> layerOf(
         const pxr::SdfLayerHandle& layer) const = 0;
 
+    /// Returns whether the layer's file is a placeholder, which nobody reads: edits of the layer go
+    /// nowhere unless it is live.
+    [[nodiscard]] virtual bool isPlaceholder(const pxr::SdfLayerHandle& layer) const = 0;
+
     /// Makes sure that FindOrOpen() finds the layer, without content if this place has none.
     /// Returns whether something had to be created.
     virtual Result<bool> makeFindable(const LayerId& layer) = 0;

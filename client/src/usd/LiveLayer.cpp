@@ -6,6 +6,10 @@
 #include <pxr/usd/sdf/layer.h>
 #include <pxr/usd/sdf/schema.h>
 
+#include <string_view>
+#include <utility>
+#include <variant>
+
 #include "usdlive/common/usd/NamedAssets.h"
 
 namespace usdlive::client {
@@ -16,13 +20,35 @@ namespace {
 // content again is faster.
 constexpr std::size_t kMostSince = 5'000;
 
+constexpr const char* kVariables = "expressionVariables";
+constexpr const char* kSubLayers = "subLayers";
+
+// A variable that exists only while others change.
+DictionaryKey marker() { return {{"usdlive_changing"}}; }
+EditAction marked(const char* value) {
+    return SetField{kVariables, marker(), stringValue(value), {}};
+}
+EditAction unmarked() { return EraseField{kVariables, marker()}; }
+
+const std::string* fieldOf(const EditAction& action) {
+    if (const auto* set = std::get_if<SetField>(&action)) return &set->field;
+    if (const auto* erase = std::get_if<EraseField>(&action)) return &erase->field;
+    return nullptr;
+}
+
+bool isApart(std::string_view path, const EditAction& action) {
+    const auto* field = path == "/" ? fieldOf(action) : nullptr;
+    return field && (*field == kVariables || *field == kSubLayers);
+}
+
 }  // namespace
 
 LiveLayer::LiveLayer(LayerId id, pxr::SdfLayerRefPtr layer, Surroundings surroundings)
     : id_(std::move(id)),
       layer_(std::move(layer)),
       surroundings_(std::move(surroundings)),
-      capture_(id_, surroundings_.view, surroundings_.wake, surroundings_.clipsWritten) {
+      capture_(id_, surroundings_.view, surroundings_.wake, surroundings_.clipsWritten,
+               surroundings_.layersNamed) {
     setPermission(true, false);
     const auto self = pxr::TfCreateWeakPtr(this);
     replacedKey_ =
@@ -33,6 +59,10 @@ LiveLayer::LiveLayer(LayerId id, pxr::SdfLayerRefPtr layer, Surroundings surroun
 
 LiveLayer::~LiveLayer() {
     restore();
+    while (hasApart()) {
+        const pxr::SdfChangeBlock block;
+        applyApart();
+    }
     pxr::TfNotice::Revoke(replacedKey_);
     pxr::TfNotice::Revoke(mutenessKey_);
     pxr::TfNotice::Revoke(savedKey_);
@@ -55,7 +85,7 @@ void LiveLayer::setLockedByOther(bool locked) { setPermission(closed_, locked); 
 
 bool LiveLayer::isIdle() const {
     return !fill_ && !capture_.hasWrites() && !expectsReplacement_ && !startOver_ &&
-           !writtenBeforeMuted_ && !usesChanged_ && !saved_;
+           !writtenBeforeMuted_ && !usesChanged_ && !saved_ && !hasApart();
 }
 
 void LiveLayer::noteUses() {
@@ -100,6 +130,9 @@ void LiveLayer::reset(const LayerDoc& doc) {
     capture_.discard();
     setPermission(true, lockedByOther_);
     waiting_.clear();
+    variables_.clear();
+    subLayers_.clear();
+    steps_.clear();
     auto arriving = std::move(arriving_);
     const auto snapshot = std::exchange(snapshot_, std::nullopt);
     if (snapshot && doc.specCount() > BackgroundFill::kMadeAtOnce) {
@@ -151,6 +184,34 @@ void LiveLayer::apply(const std::string& path, const EditAction& action) {
 }
 
 void LiveLayer::applyNow(const std::string& path, const EditAction& action) {
+    if (isApart(path, action))
+        setApart(action);
+    else
+        write(path, action);
+}
+
+void LiveLayer::setApart(const EditAction& action) {
+    auto& edits = *fieldOf(action) == kVariables ? variables_ : subLayers_;
+    edits.push_back(action);
+    surroundings_.wake();
+}
+
+// Pcp (26.8) crashes if the layer that gives another one its variables changes while their values
+// stay the same. So a variable that nothing uses gets another value in each step.
+void LiveLayer::applyApart() {
+    if (steps_.empty() && !variables_.empty()) {
+        auto edits = std::exchange(variables_, {});
+        edits.push_back(marked("b"));
+        steps_ = {{marked("a")}, std::move(edits), {unmarked()}};
+    } else if (steps_.empty()) {
+        steps_.push_back(std::exchange(subLayers_, {}));
+    }
+    const auto edits = std::move(steps_.front());
+    steps_.pop_front();
+    for (const EditAction& edit : edits) write("/", edit);
+}
+
+void LiveLayer::write(const std::string& path, const EditAction& action) {
     const auto applied = store_->apply(path, action);
     noteNames(path, action);
     if (!applied && !layer_->IsMuted())

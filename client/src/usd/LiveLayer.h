@@ -6,6 +6,7 @@
 #include <pxr/usd/sdf/layer.h>
 #include <pxr/usd/sdf/notice.h>
 
+#include <deque>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -40,7 +41,10 @@ public:
         std::function<void()> wake;
         /// Called with the asset paths of value clips that the editor writes, before Sdf notifies
         /// of them.
-        std::function<void(const std::set<std::string>&)> clipsWritten;
+        Capture::Named clipsWritten;
+        /// Called with the asset paths of layers that the editor names anew, before Sdf notifies of
+        /// them.
+        Capture::Named layersNamed = [](const auto&) {};
     };
 
     LiveLayer(LayerId id, pxr::SdfLayerRefPtr layer, Surroundings surroundings);
@@ -69,7 +73,15 @@ public:
     void arrived(const LayerDoc& snapshot);
     /// Replaces all content. Edits of apply() wait until it is built.
     void reset(const LayerDoc& doc);
+    /// Edits of `expressionVariables` and `subLayers` wait for applyApart().
     void apply(const std::string& path, const EditAction& action);
+    /// Returns whether edits wait for applyApart().
+    [[nodiscard]] bool hasApart() const {
+        return !variables_.empty() || !subLayers_.empty() || !steps_.empty();
+    }
+    /// Applies the next of these edits. Call it in a change block of its own for each time, because
+    /// OpenUSD (26.8) crashes on some of them in one block (decision 26).
+    void applyApart();
     [[nodiscard]] bool isFilling() const { return fill_ != nullptr; }
     /// Returns whether content is being built for a layer that had content before.
     [[nodiscard]] bool isRefilling() const { return store_ && fill_; }
@@ -123,6 +135,8 @@ private:
     [[nodiscard]] Capture::Sealed sealMuted();
     [[nodiscard]] std::unique_ptr<BackgroundFill> newFill();
     void applyNow(const std::string& path, const EditAction& action);
+    void setApart(const EditAction& action);
+    void write(const std::string& path, const EditAction& action);
     void onReplaced(const pxr::SdfNotice::LayerDidReplaceContent& notice);
     void onMuteness(const pxr::SdfNotice::LayerMutenessChanged& notice);
     void onSaved(const pxr::SdfNotice::LayerDidSaveLayerToFile& notice);
@@ -136,6 +150,9 @@ private:
     std::optional<LayerDoc> snapshot_;  // the doc of arriving_, when it is complete
     std::unique_ptr<BackgroundFill> fill_;
     std::vector<Waiting> waiting_;  // edits that wait for fill_
+    // Edits of the root that wait for applyApart(), and the steps in which it makes them.
+    std::vector<EditAction> variables_, subLayers_;
+    std::deque<std::vector<EditAction>> steps_;
     // The editor may write if both of the next two are false, and if its own setting permits it.
     bool closed_ = false;  // true until the layer has all content
     bool lockedByOther_ = false;

@@ -23,6 +23,8 @@ namespace {
 constexpr double kFirstFindableMs = 200, kFindableMs = 1;
 // The most loaded layers that one tick checks.
 constexpr std::size_t kLookedAtPerTick = 100;
+// The pauses between attempts to join a layer that the server could not give. They get longer.
+constexpr std::int64_t kFirstPauseMs = 1'000, kLongestPauseMs = 8'000;
 
 }  // namespace
 
@@ -48,6 +50,7 @@ std::vector<LayerId> OpenLayers::setOfProject(std::vector<LayerId> layers) {
     std::ranges::set_difference(layers, ofProject_, std::back_inserter(added));
     // The project may have the failed layers now, and layers that others use.
     failed_.clear();
+    for (auto& [id, awaited] : awaited_) awaited.retryAtMs = 0;
     if (!added.empty()) used_.clear();
     with_.places.add(added, ofProject_.empty() ? kFirstFindableMs : kFindableMs);
     ofProject_ = std::move(layers);
@@ -84,13 +87,15 @@ Result<void> OpenLayers::join(const LayerId& id, const pxr::SdfLayerRefPtr& laye
     keepEarlyWork(id, layer, blobs, with_.lost);
     live_.add(std::make_unique<LiveLayer>(
         id, layer,
-        LiveLayer::Surroundings{with_.values.source(), blobs, with_.sink, with_.filler,
-                                [this, id] { return with_.session.view(id); },
-                                [this](Error error) { with_.events.report(std::move(error)); },
-                                [this, id] { live_.wake(id); },
-                                [this, layer](const std::set<std::string>& assets) {
-                                    clips_.addClips(layer, assets, ofProject_);
-                                }}));
+        LiveLayer::Surroundings{
+            with_.values.source(), blobs, with_.sink, with_.filler,
+            [this, id] { return with_.session.view(id); },
+            [this](Error error) { with_.events.report(std::move(error)); },
+            [this, id] { live_.wake(id); },
+            [this, layer](const std::set<std::string>& assets) {
+                clips_.addClips(layer, assets, ofProject_);
+            },
+            [this, layer](const std::set<std::string>& assets) { openNamed(layer, assets); }}));
     followLock(id);
     with_.session.openLayer(id);
     return {};
@@ -104,7 +109,7 @@ const std::vector<LayerId>& OpenLayers::openUsed(LiveLayer& live, LoadSet load) 
         if (const auto made = with_.places.makeFindable(id); !made)
             with_.events.report(made.error());
         clips_.opens(id);
-        if (!find(id) && !failed_.contains(id) && !closed_.contains(id))
+        if (!find(id) && !failed_.contains(id) && !isAwaited(id) && !closed_.contains(id))
             if (auto used = pxr::SdfLayer::FindOrOpen(identifier))
                 if (const auto joined = join(id, used); !joined)
                     with_.events.push(event::JoinFailed{id, joined.error()});
@@ -135,10 +140,30 @@ bool OpenLayers::hasUsed(const LayerId& id, LoadSet load) const {
     return found != used_.end() && found->second.load == LoadSet::All && live && live->isIdle();
 }
 
-void OpenLayers::failed(const LayerId& id) {
-    failed_.insert(id);
+bool OpenLayers::failed(const LayerId& id, const Error& reason) {
+    const LiveLayer* live = find(id);
+    const auto layer = live ? live->layer() : pxr::SdfLayerRefPtr();
     leave(id);
     if (guessed_.erase(id) > 0) with_.places.remove(id);
+    if (!layer || reason.code == ErrorCode::LayerNotFound) {
+        awaited_.erase(id);
+        failed_.insert(id);
+        return true;
+    }
+    const auto [entry, isNew] = awaited_.try_emplace(id, Awaited{layer, reason, 0, 0});
+    Awaited& awaited = entry->second;
+    awaited.pauseMs = std::clamp(2 * awaited.pauseMs, kFirstPauseMs, kLongestPauseMs);
+    awaited.retryAtMs = steadyMs() + awaited.pauseMs;
+    return isNew || std::exchange(awaited.reason, reason) != reason;
+}
+
+void OpenLayers::joinAwaited(std::int64_t nowMs) {
+    if (!with_.session.isConnected()) return;
+    for (auto& [id, awaited] : awaited_) {
+        if (awaited.retryAtMs > nowMs || find(id)) continue;
+        awaited.retryAtMs = nowMs + awaited.pauseMs;
+        static_cast<void>(join(id, awaited.layer));
+    }
 }
 
 std::vector<std::pair<LayerId, pxr::SdfLayerRefPtr>> OpenLayers::loadedHere() const {
@@ -174,6 +199,23 @@ Error OpenLayers::liveElsewhere(const LayerId& id) {
                 "open a copy with another cache folder"};
 }
 
+// An editor that names a layer reads what it brings at once, as importers do. Waits for the server,
+// but never within a tick.
+void OpenLayers::openNamed(const pxr::SdfLayerHandle& layer, const std::set<std::string>& assets) {
+    for (const std::string& asset : assets) {
+        if (!with_.files.mayWait()) return;
+        const auto identifier = pxr::SdfComputeAssetPathRelativeToLayer(layer, asset);
+        const auto id = with_.places.layerAt(identifier);
+        if (!id || !isOfProject(*id) || find(*id) || failed_.contains(*id) || isAwaited(*id) ||
+            closed_.contains(*id) || clips_.contains(*id) || pxr::SdfLayer::Find(identifier))
+            continue;
+        static_cast<void>(with_.places.makeFindable(*id));
+        const auto named = with_.files.openWithContent(id->value, identifier);
+        if (!named || !join(*id, named)) continue;
+        openNamed(named, usedAssets(named, LoadSet::All));
+    }
+}
+
 // --- closing
 
 // Takes the id by value, because this function may remove the caller's.
@@ -186,6 +228,7 @@ void OpenLayers::leave(LayerId id) {
     live_.remove(id);
     used_.erase(id);
     LayerClaims::ofProcess().release(layer, this, std::move(left));
+    refuseEdits(layer);
 }
 
 void OpenLayers::leaveAll() {
@@ -193,7 +236,7 @@ void OpenLayers::leaveAll() {
 }
 
 void OpenLayers::close(const LayerId& id) {
-    if (!find(id)) return;
+    if (awaited_.erase(id) == 0 && !find(id)) return;
     leave(id);
     with_.session.closeLayer(id);
     closed_.insert(id);
@@ -211,23 +254,33 @@ void OpenLayers::adoptLoaded(double budgetMs) {
         used_.erase(live->id());
     }
     if (!with_.session.welcome()) return;
+    joinAwaited(steadyMs());
     loaded_.look(just, live_.known(), with_.background);
     for (std::size_t looked = 0; looked < kLookedAtPerTick; ++looked) {
         const auto layer = loaded_.next();
         if (!layer) return;
-        const auto id = live_.find(layer) ? std::nullopt : layerOf(layer);
-        if (!id) refuseEdits(layer);
-        if (!id || failed_.contains(*id) || closed_.contains(*id) || isLiveElsewhere(layer))
-            continue;
-        static_cast<void>(join(*id, layer));
+        adopt(layer);
         if (watch.ms() >= budgetMs) return;
     }
 }
 
-// Nobody would get the edits of a layer that is read as a file.
-void OpenLayers::refuseEdits(const pxr::SdfLayerRefPtr& layer) const {
-    const auto id = nameOf(layer);
-    if (id && clips_.contains(*id)) layer->SetPermissionToEdit(false);
+void OpenLayers::adoptAllLoaded() {
+    for (const auto& layer : pxr::SdfLayer::GetLoadedLayers())
+        if (layer) adopt(pxr::SdfLayerRefPtr(layer));
+}
+
+void OpenLayers::adopt(const pxr::SdfLayerRefPtr& layer) {
+    if (live_.find(layer) || layer->IsAnonymous()) return;
+    const auto id = layerOf(layer);
+    if (!id || failed_.contains(*id) || isAwaited(*id) || closed_.contains(*id))
+        refuseEdits(layer);
+    else if (!isLiveElsewhere(layer))
+        static_cast<void>(join(*id, layer));
+}
+
+// Nobody would get the edits.
+void OpenLayers::refuseEdits(const pxr::SdfLayerHandle& layer) const {
+    if (with_.places.isPlaceholder(layer)) LayerClaims::ofProcess().close(layer);
 }
 
 std::size_t OpenLayers::fill(double budgetMs) {
@@ -236,6 +289,7 @@ std::size_t OpenLayers::fill(double budgetMs) {
     for (LiveLayer* live : live_.active()) {
         if (live->isFilling() && watch.ms() < budgetMs) {
             live->fill();
+            if (live->isFilled()) awaited_.erase(live->id());
             if (live->isFilled() && clips_.areClips(live->id())) filledClips_.push_back(live->id());
         }
         filling += live->isFilling() ? 1 : 0;

@@ -3,6 +3,7 @@
 
 #include <pxr/usd/sdf/layer.h>
 
+#include <cstdint>
 #include <map>
 #include <optional>
 #include <set>
@@ -64,9 +65,12 @@ public:
     const std::vector<LayerId>& openUsed(LiveLayer& live, LoadSet load);
     /// Returns whether the layers that it uses were opened with it.
     [[nodiscard]] bool hasUsed(const LayerId& id, LoadSet load) const;
-    /// Call it when the server does not have the layer. It is not opened automatically again until
-    /// the layers of the project change.
-    void failed(const LayerId& id);
+    /// Call it when the server could not give the content of the layer. The layer is no longer
+    /// live, and refuses edits. What the project does not have is not opened automatically again
+    /// until the layers of the project change; anything else may be mended, and is joined again in
+    /// pauses. Returns false if the layer had failed for the same reason before.
+    bool failed(const LayerId& id, const Error& reason);
+    [[nodiscard]] bool isAwaited(const LayerId& id) const { return awaited_.contains(id); }
     /// Returns the layers of the project that this process has loaded and that are not live,
     /// sorted. Without those that are read as files (ClipFiles).
     [[nodiscard]] std::vector<std::pair<LayerId, pxr::SdfLayerRefPtr>> loadedHere() const;
@@ -83,8 +87,11 @@ public:
     void close(const LayerId& id);
 
     // Parts of a tick.
-    /// Makes layers live that composition has opened meanwhile.
+    /// Makes layers live that composition has opened meanwhile, and joins layers again that have
+    /// failed. Placeholders that cannot be live refuse edits.
     void adoptLoaded(double budgetMs);
+    /// Does the same for all loaded layers, at once. For calls that may take long.
+    void adoptAllLoaded();
     /// Puts content in that is built. Returns the number of layers that still wait for theirs.
     std::size_t fill(double budgetMs);
     /// Returns the live layers of value clips that were filled since the last call. OpenUSD may
@@ -103,7 +110,10 @@ private:
 
     /// Returns the name of a layer of the project.
     [[nodiscard]] std::optional<LayerId> nameOf(const pxr::SdfLayerHandle& layer) const;
-    void refuseEdits(const pxr::SdfLayerRefPtr& layer) const;
+    void openNamed(const pxr::SdfLayerHandle& layer, const std::set<std::string>& assets);
+    void adopt(const pxr::SdfLayerRefPtr& layer);
+    void refuseEdits(const pxr::SdfLayerHandle& layer) const;
+    void joinAwaited(std::int64_t nowMs);
 
     const Surroundings with_;
     std::vector<LayerId> ofProject_;
@@ -118,7 +128,15 @@ private:
     std::map<LayerId, Used> used_;  // by live layer whose used layers were opened with it
     std::set<LayerId> guessed_;     // layers made findable that the project did not have
     std::set<LayerId> failed_;      // not made live again until the project's layers change
-    std::set<LayerId> closed_;      // closed by the editor: not made live again
+    /// A layer that the server could not give. Its SdfLayer stands for it on stages, without
+    /// content.
+    struct Awaited {
+        pxr::SdfLayerRefPtr layer;
+        Error reason;
+        std::int64_t pauseMs, retryAtMs;
+    };
+    std::map<LayerId, Awaited> awaited_;
+    std::set<LayerId> closed_;  // closed by the editor: not made live again
 };
 
 }  // namespace usdlive::client

@@ -4,6 +4,7 @@
 #include <dlfcn.h>
 #include <pxr/base/plug/plugin.h>
 #include <pxr/base/plug/registry.h>
+#include <pxr/base/tf/errorMark.h>
 #include <pxr/usd/ar/packageUtils.h>
 #include <pxr/usd/ar/resolver.h>
 
@@ -56,7 +57,8 @@ Result<const ResolverInterface*> findResolver() {
 bool isLayer(const std::string& path) { return parseLayerId(path).has_value(); }
 
 std::string hostAndPort(const ServerAddress& web) {
-    return web.host + ":" + std::to_string(web.port);
+    const bool isIpv6 = web.host.find(':') != std::string::npos;
+    return (isIpv6 ? "[" + web.host + "]" : web.host) + ":" + std::to_string(web.port);
 }
 
 }  // namespace
@@ -66,16 +68,16 @@ std::string encodedInAddress(std::string_view path) {
 }
 
 struct ProjectFiles::State {
-    /// Asks for the list, and collects the changed files.
-    void ask() {
-        resolver->refresh(
-            token,
-            [](void* self, const char* path) {
-                auto& state = *static_cast<State*>(self);
-                const std::lock_guard lock(state.mutex);
-                state.found.insert(path);
-            },
-            isStopped, this);
+    /// Asks for the list, and collects the changed files. Returns false if there was no answer.
+    bool ask() {
+        return resolver->refresh(
+                   token,
+                   [](void* self, const char* path) {
+                       auto& state = *static_cast<State*>(self);
+                       const std::lock_guard lock(state.mutex);
+                       state.found.insert(path);
+                   },
+                   isStopped, this) != 0;
     }
     static int isStopped(void* self) { return static_cast<State*>(self)->stops ? 1 : 0; }
 
@@ -159,11 +161,12 @@ void ProjectFiles::ask(std::int64_t nowMs) {
     dueAtMs_ = nowMs + std::max(kFilesEveryMs, std::int64_t(state_->tookMs * kFilesPart));
     worker_->post([state = state_] {
         const Stopwatch watch;
-        state->ask();
+        const bool isAnswered = state->ask();
         const std::lock_guard end(state->mutex);
         state->isAsking = false;
         state->answered = state->asked;
-        state->tookMs = watch.ms();
+        // Waiting for an answer costs nobody anything.
+        state->tookMs = isAnswered ? watch.ms() : 0;
     });
 }
 
@@ -189,6 +192,24 @@ std::optional<std::string> ProjectFiles::fileAt(const std::string& identifier) c
 
 void ProjectFiles::readAsFile(const std::string& path, bool isFile) {
     resolver_->readAsFile(token_, path.c_str(), isFile ? 1 : 0);
+}
+
+bool ProjectFiles::mayWait() const {
+    return isStarted() && isConnected_ && ticks_ == 0 && steadyMs() >= mayWaitAtMs_;
+}
+
+pxr::SdfLayerRefPtr ProjectFiles::openWithContent(const std::string& path,
+                                                  const std::string& identifier) {
+    constexpr double kTooLongMs = 1'000;
+    constexpr std::int64_t kPauseMs = 30'000;
+    const Stopwatch watch;
+    pxr::TfErrorMark errors;  // the stage reports that it cannot compose the layer
+    readAsFile(path, true);
+    auto layer = pxr::SdfLayer::FindOrOpen(identifier);
+    readAsFile(path, false);
+    errors.Clear();
+    if (!layer && watch.ms() > kTooLongMs) mayWaitAtMs_ = steadyMs() + kPauseMs;
+    return layer;
 }
 
 ProjectFiles::Tick::Tick(ProjectFiles& files) : files_(files) {

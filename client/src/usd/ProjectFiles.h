@@ -60,6 +60,13 @@ public:
     /// Sets whether a layer is a file like others: it has its content when it is opened, and is
     /// loaded again when it changes. Precondition: isStarted().
     void readAsFile(const std::string& path, bool isFile);
+    /// Returns whether openWithContent() may be called: not within a Tick, not without a
+    /// connection, and not soon after the server did not answer.
+    [[nodiscard]] bool mayWait() const;
+    /// Opens a layer of the project that is not live yet with the content that it has at the
+    /// server, for which it waits. Returns null if it cannot be fetched or read.
+    [[nodiscard]] pxr::SdfLayerRefPtr openWithContent(const std::string& path,
+                                                      const std::string& identifier);
     /// Returns the path in the project of the file with this identifier of a layer. Nothing for
     /// layers of other origin.
     [[nodiscard]] std::optional<std::string> fileAt(const std::string& identifier) const;
@@ -98,6 +105,7 @@ private:
     int ticks_ = 0;             // number of objects of Tick
     std::uint64_t wanted_ = 0;  // the last number of askSoon()
     std::int64_t dueAtMs_ = 0;
+    std::int64_t mayWaitAtMs_ = 0;
     std::int64_t retryAtMs_ = 0, pauseMs_ = 0;  // for files that did not arrive
     std::optional<Error> problem_;
     std::shared_ptr<State> state_;    // shared with the worker's task

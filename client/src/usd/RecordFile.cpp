@@ -53,6 +53,9 @@ Result<RecordFile> RecordFile::open(const std::filesystem::path& path, Mode mode
     const int flags = O_RDWR | O_CLOEXEC | (mode == Mode::New ? O_CREAT | O_EXCL : 0);
     opened.file_ = Descriptor(::open(path.c_str(), flags, 0600));
     if (!opened.file_) return tl::unexpected(opened.failed("open"));
+    std::error_code ignored;
+    if (!std::filesystem::is_regular_file(path, ignored))
+        return fail(ErrorCode::StorageFailed, path.string() + " is not a regular file");
     if (::flock(opened.file_.get(), LOCK_EX | LOCK_NB) != 0)
         return fail(ErrorCode::StorageLocked, path.string() + " is in use");
     struct stat status{};

@@ -30,7 +30,7 @@ void ServerLine::take(Connection::Message& message, Session& session) {
 
 void ServerLine::take(Connection::Lost& lost, Session& session) {
     lastLoss_ = lost.reason;
-    if (std::exchange(open_, false)) session.disconnected(std::move(lost.reason));
+    if (std::exchange(open_, false)) session.disconnected(std::move(lost.reason), lost.unconfirmed);
 }
 
 bool ServerLine::closing(const ErrorMessage& message, Session& session) {

@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "Clocks.h"
+#include "usdlive/common/core/ErrorPasses.h"
 
 namespace usdlive::client {
 
@@ -26,7 +27,7 @@ UnsentSender::UnsentSender(Connection& connection, Session::Options options, Lef
       client_(options.client),
       session_(std::move(options), *this, *this) {}
 
-bool UnsentSender::takesMore() { return connection_.queuedBytes() < kMaxQueuedBytes; }
+std::size_t UnsentSender::bulkBytes() { return connection_.bulkBytes(); }
 
 SharedBytes UnsentSender::localBlob(const Hash& hash) {
     auto bytes = ownBlobs_.blob(hash);
@@ -56,9 +57,9 @@ Result<void> UnsentSender::waitFor(const char* what, const std::function<bool()>
         if (failure_) return tl::unexpected(*failure_);
         if (done()) return {};
         if (Clock::now() > end_)
-            return fail(ErrorCode::NotConnected,
+            return fail(delay_ ? delay_->code : ErrorCode::NotConnected,
                         std::string("the time limit was reached while ") + what +
-                            (lastLoss_ ? ": " + lastLoss_->message : std::string()) +
+                            (delay_ ? ": " + delay_->message : std::string()) +
                             ". Unsent edits stay in " + journal_.summary().file);
         connection_.wait(std::chrono::milliseconds(5));
     }
@@ -72,12 +73,18 @@ void UnsentSender::work() {
         } else if (auto* message = std::get_if<Connection::Message>(&happening)) {
             if (open_) session_.received(std::get<ReceivedMessage>(std::move(message->content)));
         } else if (auto* lost = std::get_if<Connection::Lost>(&happening)) {
-            lastLoss_ = lost->reason;
-            if (std::exchange(open_, false)) session_.disconnected(std::move(lost->reason));
+            delay_ = lost->reason;
+            if (std::exchange(open_, false))
+                session_.disconnected(std::move(lost->reason), lost->unconfirmed);
         }
     }
     session_.advance(kBudgetMs, steadyMs());
     for (Event& event : session_.takeEvents()) take(event);
+}
+
+Error UnsentSender::stays(const Error& reason) const {
+    return {reason.code, reason.message + ". Unsent edits stay in " + journal_.summary().file +
+                             ": send them again later"};
 }
 
 void UnsentSender::take(Event& one) {
@@ -85,11 +92,14 @@ void UnsentSender::take(Event& one) {
         done_.push_back(lost->work.sequence);
         lost_.push_back(std::move(lost->work));
     } else if (const auto* failed = std::get_if<event::JoinFailed>(&one)) {
-        missing_[failed->layer] = failed->reason;
+        if (errorPasses(failed->reason.code))
+            failure_ = stays(failed->reason);
+        else
+            missing_[failed->layer] = failed->reason;
     } else if (const auto* error = std::get_if<event::ServerError>(&one)) {
+        const Error reason = toError(error->message);
+        if (errorPasses(reason.code)) delay_ = reason;
         if (!error->message.closing) return;
-        const Error reason{errorFromName(error->message.code).value_or(ErrorCode::Internal),
-                           error->message.message};
         if (!session_.welcome()) failure_ = reason;
         if (!std::exchange(open_, false)) return;
         connection_.reset();
@@ -106,6 +116,10 @@ Result<void> UnsentSender::readLog() {
             ErrorCode::HistoryDiverged,
             why + ". Keep the edits as layers, or discard them: " + journal_.summary().file);
     };
+    if (journal_.isOfOther(session_.welcome()->store.value_or(StoreId{})))  // ID3
+        return other(
+            "these edits were made in another project of the same name. Connect to that "
+            "project to send them");
     if (wanted_.rbegin()->first > newest)
         return other("the project has not reached the revision at which these edits were made");
     if (const auto here = wanted_.find(newest); here != wanted_.end() &&
@@ -126,6 +140,7 @@ Result<void> UnsentSender::readLog() {
         [&](Result<void> done) { read = std::move(done); });
     if (auto waited = waitFor("reading the log", [&] { return read.has_value(); }); !waited)
         return waited;
+    if (!*read && errorPasses(read->error().code)) return tl::unexpected(stays(read->error()));
     if (!*read) return other("the log since then cannot be read: " + read->error().message);
     if (!same)
         return other("the project has another history than the one in which these edits were made");
@@ -219,11 +234,8 @@ void UnsentSender::author(const JournaledWork& work) {
 void UnsentSender::pending(const PendingWork& work) {
     if (work.sequence < nextFree_) return;
     nextFree_ = work.sequence + 1;
-    JournaledWork renumbered{work.sequence,
-                             std::chrono::duration_cast<std::chrono::milliseconds>(
-                                 std::chrono::system_clock::now().time_since_epoch())
-                                 .count(),
-                             work.revision, work.hash, work.edits};
+    JournaledWork renumbered{work.sequence, wallClockMs(), work.revision,
+                             work.hash,     work.store,    work.edits};
     const auto noted = journal_.answered(std::exchange(done_, {}), std::move(renumbered));
     if (!noted) failure_ = noted.error();
 }

@@ -29,9 +29,10 @@ public:
     UnsentSender(Connection& connection, Session::Options options, LeftJournal& journal,
                  usd::BlobSource& blobs);
 
-    /// Blocks until all transactions are answered. Errors: NotConnected (the time is over),
-    /// HistoryDiverged (the project has another history, or one that begins later). Unanswered
-    /// transactions then stay in the journal and can be sent again.
+    /// Blocks until all transactions are answered. Errors: HistoryDiverged (the project has another
+    /// history, or one that begins later); NotConnected, or an error that passes (errorPasses()),
+    /// such as StorageFull: the time is over. Unanswered transactions then stay in the journal and
+    /// can be sent again.
     [[nodiscard]] Result<SentWork> send(double timeoutMs);
 
     /// Returns the refused and dropped edits, also after send() has failed.
@@ -39,7 +40,7 @@ public:
 
     // SessionHost
     void send(SharedBytes frames) override { connection_.send(std::move(frames)); }
-    bool takesMore() override;
+    std::size_t bulkBytes() override;
     SharedBytes localBlob(const Hash& hash) override;
     bool holdsBlob(const Hash& hash) override;
     void blobArrived(const Hash&, SharedBytes, bool) override {}
@@ -56,6 +57,7 @@ private:
     Result<void> waitFor(const char* what, const std::function<bool()>& done);
     void work();
     void take(Event& event);
+    [[nodiscard]] Error stays(const Error& reason) const;
     Result<void> readLog();
     Result<void> openLayers();
     Result<void> authorAll();
@@ -74,7 +76,7 @@ private:
     Clock::time_point end_;
     bool open_ = false;
     std::optional<Error> failure_;
-    std::optional<Error> lastLoss_;
+    std::optional<Error> delay_;  // the newest reason why it takes longer
     // Hashes of the chain at the revisions of the journal's transactions.
     std::map<Revision, Hash> wanted_;
     std::set<std::uint64_t> committed_;

@@ -25,13 +25,15 @@ private:
 
 }  // namespace
 
-UnsentWorkStore::UnsentWorkStore(std::filesystem::path folder, Connector connector,
+UnsentWorkStore::UnsentWorkStore(std::filesystem::path folder, StoreId store, Connector connector,
                                  Session::Options options, BlobCache& blobs)
     : folder_(std::move(folder)),
+      store_(std::move(store)),
       connector_(std::move(connector)),
       options_(std::move(options)),
       blobs_(blobs) {
-    if (!folder_.empty()) journal_ = std::make_unique<Journal>(folder_, options_.client, blobs_);
+    if (!folder_.empty())
+        journal_ = std::make_unique<Journal>(folder_, options_.client, options_.secret, blobs_);
 }
 
 void UnsentWorkStore::pending(const PendingWork& work) {
@@ -57,7 +59,8 @@ std::set<Hash> UnsentWorkStore::neededBlobs() {
 }
 
 std::vector<UnsentWork> UnsentWorkStore::left(std::vector<Error>& damaged) const {
-    return folder_.empty() ? std::vector<UnsentWork>() : LeftJournal::list(folder_, damaged);
+    return folder_.empty() ? std::vector<UnsentWork>()
+                           : LeftJournal::list(folder_, store_, damaged);
 }
 
 Result<LeftJournal> UnsentWorkStore::open(const ClientId& work) const {
@@ -78,7 +81,8 @@ Result<SentWork> UnsentWorkStore::send(const ClientId& work, double timeoutMs,
     if (!connection) return tl::unexpected(connection.error());
     auto options = options_;
     options.client = work;
-    options.features = {"history", "log"};
+    options.secret = journal->secret();
+    options.features = {"history", "log", "resends"};
     UnsentSender sender(**connection, std::move(options), *journal, blobs_);
     auto sent = sender.send(timeoutMs);
     lost = sender.takeLost();

@@ -22,9 +22,10 @@ class UnsentWorkStore {
 public:
     using Connector = std::function<Result<std::unique_ptr<Connection>>()>;
     /// `options` are those of this connection's session. Without a `folder` nothing is kept.
-    /// Without a `connector` the transactions of earlier connections cannot be sent.
-    UnsentWorkStore(std::filesystem::path folder, Connector connector, Session::Options options,
-                    BlobCache& blobs);
+    /// Without a `connector` the transactions of earlier connections cannot be sent. `store` is the
+    /// identity of the project's store.
+    UnsentWorkStore(std::filesystem::path folder, StoreId store, Connector connector,
+                    Session::Options options, BlobCache& blobs);
 
     void pending(const PendingWork& work);
     void answered(std::uint64_t sequence);
@@ -52,6 +53,7 @@ private:
     [[nodiscard]] Result<LeftJournal> open(const ClientId& work) const;
 
     const std::filesystem::path folder_;
+    const StoreId store_;
     const Connector connector_;
     const Session::Options options_;
     BlobCache& blobs_;

@@ -1,9 +1,11 @@
 // Executes tasks in order on a thread.
 #include "usd/Worker.h"
 
+#include "usdlive/common/core/Thread.h"
+
 namespace usdlive::client {
 
-Worker::Worker() : thread_([this] { run(); }) {}
+Worker::Worker() : thread_(startThread("usdlive worker", [this] { run(); })) {}
 
 Worker::~Worker() {
     {

@@ -1,6 +1,7 @@
 // Creates participants of Cyclone DDS, with a generated configuration or one from a file.
 #include "usdlive/common/dds/Domain.h"
 
+#include <arpa/inet.h>
 #include <dds/dds.h>
 #include <dds/ddsrt/log.h>
 #include <ifaddrs.h>
@@ -97,6 +98,11 @@ Interface findInterface(const std::string& name) {
     return found;
 }
 
+std::string textOf(const in_addr& address) {
+    char text[INET_ADDRSTRLEN] = {};
+    return ::inet_ntop(AF_INET, &address, text, sizeof text) ? text : "";
+}
+
 bool isPlain(const std::string& name) {
     return !name.empty() && name.find_first_not_of(
                                 "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ"
@@ -104,8 +110,10 @@ bool isPlain(const std::string& name) {
 }
 
 /// Repairs losses fast, because Cyclone DDS waits 100 ms by default before it requests missing
-/// samples. A writer closes without waiting for readers that do not respond. The loopback interface
-/// has no MULTICAST flag but supports it, and takes large packets.
+/// samples. A writer closes without waiting for readers that do not respond. There is one receiving
+/// thread: Cyclone DDS ends several with packets to its own address, and waits for ever when the
+/// interface does not have that address any more. The loopback interface has no MULTICAST flag but
+/// supports it, and takes large packets.
 Result<std::string> ownConfig(const DomainSettings& settings) {
     const Interface found = findInterface(settings.interface);
     if (!isPlain(settings.interface) || !found.exists)
@@ -130,6 +138,7 @@ Result<std::string> ownConfig(const DomainSettings& settings) {
            "<LeaseDuration>5 s</LeaseDuration></Discovery>"
            "<Internal><NackDelay>10 ms</NackDelay><WriterLingerDuration>0 s</WriterLingerDuration>"
            R"(<HeartbeatInterval min="5 ms" minsched="20 ms" max="1 s">50 ms</HeartbeatInterval>)"
+           "<MultipleReceiveThreads>false</MultipleReceiveThreads>"
            "</Internal>"
         << security << "</Domain></CycloneDDS>";
     return xml.str();
@@ -214,6 +223,28 @@ void setDomainLog(DomainLog log) {
     dds_set_log_sink(onLog, nullptr);
     const std::lock_guard lock(logState().mutex);
     logState().log = std::move(log);
+}
+
+std::string addressesOf(const DomainSettings& settings) {
+    const auto file =
+        settings.configFile.empty() ? Result<std::string>("") : configOf(settings.configFile);
+    const auto isUsed = [&](const std::string& name) {
+        return settings.configFile.empty() ? name == settings.interface : file && file->find('"' + name + '"') != file->npos;
+    };
+    ifaddrs* list = nullptr;
+    if (::getifaddrs(&list) != 0) return {};
+    std::set<std::string> found;
+    for (const ifaddrs* entry = list; entry; entry = entry->ifa_next) {
+        if (!entry->ifa_addr || entry->ifa_addr->sa_family != AF_INET || !isUsed(entry->ifa_name))
+            continue;
+        const auto& address = reinterpret_cast<const sockaddr_in&>(*entry->ifa_addr);
+        found.insert(textOf(address.sin_addr) + " (" + entry->ifa_name + ", interface " +
+                     std::to_string(::if_nametoindex(entry->ifa_name)) + ")");
+    }
+    ::freeifaddrs(list);
+    std::string text;
+    for (const std::string& one : found) text += (text.empty() ? "" : ", ") + one;
+    return text;
 }
 
 Result<std::string> cycloneConfig(const DomainSettings& settings) {

@@ -7,7 +7,9 @@
 #include <type_traits>
 
 #include "usdlive/common/core/LayerPath.h"
+#include "usdlive/common/protocol/CompactFrame.h"
 #include "usdlive/common/protocol/FrameParts.h"
+#include "usdlive/common/protocol/ServerControl.h"
 
 namespace usdlive {
 
@@ -15,7 +17,7 @@ namespace {
 
 using Json = nlohmann::json;
 
-constexpr std::size_t kMaxControlBytes = 16 * 1024 * 1024;  // a welcome lists all layers
+constexpr std::size_t kMaxControlBytes = 16 * 1024 * 1024;  // limit for clients
 constexpr std::size_t kMaxTextBytes = 64 * 1024;
 constexpr std::size_t kMaxIdBytes = 256;
 constexpr int kMaxDepth = 16;
@@ -184,9 +186,10 @@ Error toError(const ErrorMessage& message) {
 
 const std::vector<std::string>& protocolFeatures() {
     static const std::vector<std::string> features = [] {
-        std::vector<std::string> all{"history",  "log",         "previews",   "previewValues",
-                                     "states",   "presence",    "conflation", "storage",
-                                     "progress", "createLayer", "skipped",    kPartsFeature};
+        std::vector<std::string> all{"history",     "log",          "previews",   "previewValues",
+                                     "states",      "presence",     "conflation", "storage",
+                                     "progress",    "createLayer",  "skipped",    "resends",
+                                     kPartsFeature, kCompactFeature};
         forEachRequest([&]<class Request>(const Request&) {
             const std::string feature(featureOf<Request>());
             if (!feature.empty() && std::ranges::find(all, feature) == all.end())
@@ -209,7 +212,13 @@ std::string encodeControl(const ControlMessage& message) {
 }
 
 Result<ControlMessage> decodeControl(std::string_view json) {
-    if (json.size() > kMaxControlBytes || isTooDeep(json))
+    if (json.size() > kMaxControlBytes)
+        return fail(ErrorCode::MalformedControl, "a control message is too large or too deep");
+    return decodeServerControl(json);
+}
+
+Result<ControlMessage> decodeServerControl(std::string_view json) {
+    if (json.size() > kMaxServerControlBytes || isTooDeep(json))
         return fail(ErrorCode::MalformedControl, "a control message is too large or too deep");
     const Json object = Json::parse(json, nullptr, false);
     if (!object.is_object())

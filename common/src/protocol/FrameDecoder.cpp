@@ -1,10 +1,8 @@
 // Frames from bytes: everything is verified before it is used (FR3, FR7).
 #include <algorithm>
-#include <cmath>
 
-#include "usdlive/common/core/ByteStream.h"
+#include "Decoding.h"
 #include "usdlive/common/core/LayerPath.h"
-#include "usdlive/common/core/Utf8.h"
 #include "usdlive/common/protocol/CommitBlobs.h"
 #include "usdlive/common/protocol/Frame.h"
 #include "usdlive/common/protocol/frames_generated.h"
@@ -18,38 +16,12 @@ using ByteVector = flatbuffers::Vector<std::uint8_t>;
 template <class T>
 using TableVector = flatbuffers::Vector<flatbuffers::Offset<T>>;
 
-// Ends the decoding of a frame. Does not leave decodeFrame(); return values would need a check at
-// every call.
-struct Undecodable {
-    Error error;
-};
-
-[[noreturn]] void stop(ErrorCode code, std::string message) {
-    throw Undecodable{{code, std::move(message)}};
-}
-void require(bool condition, const char* message) {
-    if (!condition) stop(ErrorCode::MalformedFrame, message);
-}
-
-bool isSpecKind(std::uint8_t kind) {
-    switch (SpecKind(kind)) {
-        case SpecKind::Attribute:
-        case SpecKind::Prim:
-        case SpecKind::PseudoRoot:
-        case SpecKind::Relationship:
-        case SpecKind::Variant:
-        case SpecKind::VariantSet:
-            return true;
-    }
-    return false;
-}
-
 /// Converts a verified FlatBuffer into our types. A FlatBuffer may refer to one text or table many
 /// times, so the memory of the result is limited by the size of the frame (FR7).
 class FrameDecoder {
 public:
     explicit FrameDecoder(std::size_t frameBytes)
-        : budget_(8 * frameBytes + 16 * 1024 * 1024), maxEdits_(frameBytes / 32) {}
+        : budget_(frameBytes), maxEdits_(frameBytes / 32) {}
 
     Frame decode(const wire::Frame& frame) {
         switch (frame.body_type()) {
@@ -75,25 +47,11 @@ public:
     }
 
 private:
-    // Frames of our encoder stay below the budget even if every edit repeats a long name.
-    static constexpr std::size_t kCountedLayerBytes = 256;
-    // Estimated memory of a decoded edit without its texts; entries of a composite are small.
-    static constexpr std::size_t kEditBytes = 256, kTextBytes = 32, kCompositeFactor = 6;
-
-    void spend(std::size_t bytes, std::size_t times = 1) {
-        require(bytes <= budget_ / times, "a frame refers to the same things too often");
-        budget_ -= bytes * times;
-    }
-    std::string_view view(const Text* text) {
-        const std::string_view view(text->c_str(), text->size());
-        spend(view.size());
-        require(isUtf8(view), "a text is not UTF-8");
-        return view;
-    }
+    std::string_view view(const Text* text) { return budget_.text({text->c_str(), text->size()}); }
     std::string text(const Text* text) { return std::string(view(text)); }
     std::string optionalText(const Text* text) { return text ? this->text(text) : std::string(); }
     Bytes copy(const ByteVector* bytes) {
-        spend(bytes->size());
+        budget_.spend(bytes->size());
         return {bytes->begin(), bytes->end()};
     }
     Hash hash(const ByteVector* bytes) {
@@ -103,19 +61,9 @@ private:
         return hash;
     }
     FieldValue content(const ByteVector* bytes) {
-        const ByteView view(bytes->data(), bytes->size());
-        const bool isLeaf = isLeafType(ValueType(ByteReader(view).u16()));
-        spend(view.size(), isLeaf ? 1 : kCompositeFactor);
-        auto value = decodeFieldValue(view);
-        if (!value) throw Undecodable{value.error()};
-        return std::move(*value);
+        return budget_.content({bytes->data(), bytes->size()});
     }
-    Value leaf(const ByteVector* bytes) {
-        FieldValue content = this->content(bytes);
-        Value* value = content.as<Value>();
-        if (!value) stop(ErrorCode::InvalidValue, "an item or key is a composite value");
-        return std::move(*value);
-    }
+    Value leaf(const ByteVector* bytes) { return budget_.leaf({bytes->data(), bytes->size()}); }
     ErrorCode errorCode(const Text* name) {
         // A code of a newer version: the message still explains it.
         return errorFromName(view(name)).value_or(ErrorCode::Internal);
@@ -131,21 +79,15 @@ private:
     }
     void layers(const TableVector<Text>* names) {
         if (!names) return;
-        spend(names->size(), kTextBytes);
+        budget_.spend(names->size(), DecodingBudget::kTextBytes);
         layers_.reserve(names->size());
         for (const Text* name : *names) layers_.push_back(layerId(name));
     }
 
     Address address(const Text* path, std::uint64_t sequence, std::uint32_t edit) {
-        require(sequence != 0 || edit == 0, "an address names an edit of no transaction");
-        Address address{text(path), {}};
-        if (sequence != 0) address.creation = Creation{sequence, edit};
-        return address;
+        return checkedAddress(text(path), sequence, edit);
     }
-    std::string fieldName(const Text* text) {
-        require(text->size() != 0 && text->size() <= 1024, "a field's name is empty or too long");
-        return this->text(text);
-    }
+    std::string fieldName(const Text* text) { return checkedField(view(text)); }
 
     FieldPart part(wire::Part type, const void* part) {
         if (type == wire::Part::NONE) return std::monostate{};
@@ -153,12 +95,8 @@ private:
         switch (type) {
             case wire::Part::DictionaryKey:
                 return dictionaryKey(*static_cast<const wire::DictionaryKey*>(part));
-            case wire::Part::SampleTime: {
-                const double time = static_cast<const wire::SampleTime*>(part)->time();
-                if (!std::isfinite(time))
-                    stop(ErrorCode::InvalidValue, "a time sample's time is not finite");
-                return SampleTime{time};
-            }
+            case wire::Part::SampleTime:
+                return checkedTime(static_cast<const wire::SampleTime*>(part)->time());
             case wire::Part::ListItem:
                 return listItem(*static_cast<const wire::ListItem*>(part));
             case wire::Part::MapKey:
@@ -169,27 +107,22 @@ private:
         stop(ErrorCode::MalformedFrame, "a part of a field is of an unknown kind");
     }
     DictionaryKey dictionaryKey(const wire::DictionaryKey& key) {
-        require(key.path()->size() >= 1 && key.path()->size() <= std::size_t(kMaxNesting),
-                "a dictionary key has no or too many parts");
-        spend(key.path()->size(), kTextBytes);
+        checkKeyParts(key.path()->size());
+        budget_.spend(key.path()->size(), DecodingBudget::kTextBytes);
         DictionaryKey result;
         for (const Text* name : *key.path()) result.path.push_back(text(name));
         return result;
     }
     ListItem listItem(const wire::ListItem& item) {
-        require(item.list() < kListNames, "a list item is of an unknown list");
-        ListItem result{ListName(item.list()), leaf(item.item()), {}};
+        ListItem result{checkedList(item.list()), leaf(item.item()), {}};
         if (item.before()) result.before = leaf(item.before());
         return result;
     }
 
     EditAction action(const wire::Edit& edit) {
         switch (edit.action_type()) {
-            case wire::Action::CreateSpec: {
-                const std::uint8_t kind = edit.action_as_CreateSpec()->kind();
-                require(isSpecKind(kind), "a spec is of an unknown kind");
-                return CreateSpec{SpecKind(kind)};
-            }
+            case wire::Action::CreateSpec:
+                return CreateSpec{checkedKind(edit.action_as_CreateSpec()->kind())};
             case wire::Action::DeleteSpec:
                 return DeleteSpec{};
             case wire::Action::MoveSpec: {
@@ -216,33 +149,28 @@ private:
         result.form = ValueType(set.form());
         if (const auto* item = std::get_if<ListItem>(&result.part)) {
             require(!set.value(), "a list item is its own value");
-            requireForm(result.form, item->item);
+            checkForm(result.form, item->item);
             return result;
         }
         require(set.value(), "a field is set to no value");
         result.value = content(set.value());
         if (const auto* key = std::get_if<MapKey>(&result.part))
-            requireForm(result.form, key->key);
+            checkForm(result.form, key->key);
         else
             require(result.form == ValueType::None, "a form is given where there is none");
         return result;
     }
-    static void requireForm(ValueType form, const Value& item) {
-        require(form == ValueType::None || form == item.type(),
-                "an item or key is not of the type given");
-    }
-
     Edit edit(const wire::Edit& edit) {
         require(edit.layer() < layers_.size(), "an edit names no layer of the frame");
         const LayerId& layer = layers_[edit.layer()];
-        spend(std::min(layer.value.size(), kCountedLayerBytes));
+        budget_.spend(std::min(layer.value.size(), DecodingBudget::kCountedLayerBytes));
         return {layer, address(edit.path(), edit.sequence(), edit.edit()), action(edit)};
     }
     std::vector<Edit> edits(const TableVector<wire::Edit>* edits) {
         std::vector<Edit> result;
         if (!edits) return result;
         require(edits->size() <= maxEdits_, "a frame refers to the same edit too often");
-        spend(edits->size(), kEditBytes);
+        budget_.spend(edits->size(), DecodingBudget::kEditBytes);
         result.reserve(edits->size());
         for (const wire::Edit* one : *edits) result.push_back(edit(*one));
         return result;
@@ -274,7 +202,7 @@ private:
         result.edits = edits(commit.edits());
         if (commit.dropped()) {
             require(commit.dropped()->size() <= maxEdits_, "too many dropped edits");
-            spend(commit.dropped()->size(), kEditBytes);
+            budget_.spend(commit.dropped()->size(), DecodingBudget::kEditBytes);
             for (const wire::Dropped* dropped : *commit.dropped())
                 result.dropped.push_back(
                     {dropped->index(), errorCode(dropped->reason()), edit(*dropped->edit())});
@@ -314,7 +242,7 @@ private:
                          blob.raw_bytes(),  copy(blob.data()), blob.gesture()};
     }
 
-    std::size_t budget_;
+    DecodingBudget budget_;
     std::size_t maxEdits_;
     std::vector<LayerId> layers_;
 };

@@ -1,6 +1,8 @@
 // A layer's content as records in chunks, and back (SN1-SN4).
 #include "usdlive/common/protocol/Snapshot.h"
 
+#include <algorithm>
+
 #include "usdlive/common/core/ByteStream.h"
 #include "usdlive/common/core/Utf8.h"
 
@@ -88,11 +90,11 @@ SnapshotEncoder::SnapshotEncoder(LayerDoc doc, std::uint64_t request)
     : state_(std::make_unique<State>(std::move(doc), request)) {}
 SnapshotEncoder::~SnapshotEncoder() = default;
 
-std::optional<SnapshotFrame> SnapshotEncoder::next() {
+std::optional<SnapshotFrame> SnapshotEncoder::next(std::size_t most) {
     if (state_->done()) return std::nullopt;
     Bytes& raw = state_->raw;
     raw.clear();
-    while (!state_->done() && raw.size() < kFullBytes) state_->appendRecord(raw);
+    while (!state_->done() && raw.size() < std::min(most, kFullBytes)) state_->appendRecord(raw);
     return SnapshotFrame{state_->request, state_->chunks++, state_->done(),
                          std::uint32_t(raw.size()), deflate(raw)};
 }

@@ -215,6 +215,22 @@ void SdfLayerStore::Delegate::notifyClips(const Path& path, const Token& field,
     if (namesClips(field.GetString()) && value.GetValue(&taken)) notifyClips(path, field, taken);
 }
 
+void SdfLayerStore::Delegate::notifyLayers(const Path& path, const Token& field,
+                                           const pxr::VtValue& value) {
+    auto* observer = namesLayers(field.GetString()) ? observerOf(path) : nullptr;
+    if (!observer) return;
+    std::set<std::string> before, named;
+    addNamedAssets(data().Get(path, field), before);
+    addNamedAssets(value, named);
+    std::erase_if(named, [&](const std::string& asset) { return before.contains(asset); });
+    if (!named.empty()) observer->layersNamed(named);
+}
+void SdfLayerStore::Delegate::notifyLayers(const Path& path, const Token& field,
+                                           const ConstValue& value) {
+    pxr::VtValue taken;
+    if (namesLayers(field.GetString()) && value.GetValue(&taken)) notifyLayers(path, field, taken);
+}
+
 void SdfLayerStore::Delegate::notifyChildren(const Path& parent, const Token& field,
                                              bool appended) {
     auto* observer = observerOf(parent);
@@ -237,6 +253,7 @@ void SdfLayerStore::Delegate::_OnSetField(const Path& path, const Token& field,
     Base::_OnSetField(path, field, value);
     notifyArray(path, field, std::nullopt, value);
     notifyClips(path, field, value);
+    notifyLayers(path, field, value);
     notifyField(path, field);
 }
 void SdfLayerStore::Delegate::_OnSetField(const Path& path, const Token& field,
@@ -244,6 +261,7 @@ void SdfLayerStore::Delegate::_OnSetField(const Path& path, const Token& field,
     Base::_OnSetField(path, field, value);
     notifyArray(path, field, std::nullopt, value);
     notifyClips(path, field, value);
+    notifyLayers(path, field, value);
     notifyField(path, field);
 }
 

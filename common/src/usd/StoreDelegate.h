@@ -133,6 +133,8 @@ private:
                      const ConstValue& value);
     void notifyClips(const Path& path, const Token& field, const pxr::VtValue& value);
     void notifyClips(const Path& path, const Token& field, const ConstValue& value);
+    void notifyLayers(const Path& path, const Token& field, const pxr::VtValue& value);
+    void notifyLayers(const Path& path, const Token& field, const ConstValue& value);
     void notifyChildren(const Path& parent, const Token& field, bool appended);
     [[nodiscard]] std::optional<TargetFields> targetsOf(const Path& path, const Token& field) const;
     void renewTargets(const Path& path, const TargetFields& fields, const pxr::VtValue& value);

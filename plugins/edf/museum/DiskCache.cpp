@@ -22,7 +22,7 @@ namespace fs = std::filesystem;
 namespace {
 
 // Changes with the layout of the files: others count as absent.
-constexpr std::string_view kMagic = "usdlive-edf-cache 1";
+constexpr std::string_view kMagic = "usdlive-edf-cache 2";
 constexpr std::string_view kSuffix = ".answer", kTemporarySuffix = ".part";
 constexpr std::uintmax_t kMaxFileBytes = 64u << 20;
 // A temporary file of this age was left by a process that ended.
@@ -84,16 +84,17 @@ std::optional<CachedAnswer> DiskCache::find(const std::string& url) {
     const auto content = contentOf(file);
     if (!content) return std::nullopt;
     std::string_view left = *content;
-    const auto magic = takeLine(left), ofUrl = takeLine(left), hash = takeLine(left),
-               fresh = takeLine(left);
-    if (magic != kMagic || ofUrl != url) return std::nullopt;
+    const auto magic = takeLine(left), hash = takeLine(left);
+    if (magic != kMagic || hash != hexOf(hashOf(left))) return std::nullopt;
+    const auto ofUrl = takeLine(left), fresh = takeLine(left);
+    if (ofUrl != url) return std::nullopt;
     CachedAnswer answer;
     answer.etag = takeLine(left);
     answer.lastModified = takeLine(left);
     answer.body = left;
     const auto number =
         std::from_chars(fresh.data(), fresh.data() + fresh.size(), answer.freshUntil);
-    if (number.ec != std::errc() || hash != hexOf(hashOf(left))) return std::nullopt;
+    if (number.ec != std::errc()) return std::nullopt;
     std::error_code ignored;  // only the order of removal depends on it
     fs::last_write_time(file, fs::file_time_type::clock::now(), ignored);
     return answer;
@@ -103,11 +104,11 @@ void DiskCache::store(const std::string& url, const CachedAnswer& answer) {
     if (folder_.empty() || !isOneLine(url) || !isOneLine(answer.etag) ||
         !isOneLine(answer.lastModified))
         return;
-    std::string content(kMagic);
-    for (const auto& line : {url, hexOf(hashOf(answer.body)), std::to_string(answer.freshUntil),
-                             answer.etag, answer.lastModified})
-        content += "\n" + line;
-    content += "\n" + answer.body;
+    std::string content;
+    for (const auto& line :
+         {url, std::to_string(answer.freshUntil), answer.etag, answer.lastModified, answer.body})
+        content += (content.empty() ? "" : "\n") + line;
+    content = std::string(kMagic) + "\n" + hexOf(hashOf(content)) + "\n" + content;
     if (content.size() > std::min(kMaxFileBytes, maxBytes_)) return;
 
     static std::atomic<unsigned> number = 0;

@@ -26,6 +26,7 @@
 
 #include "Digest.h"
 #include "usdlive/common/core/Descriptor.h"
+#include "usdlive/common/core/Thread.h"
 
 namespace usdlive::resolver {
 
@@ -43,7 +44,7 @@ constexpr std::int64_t kNotedSeconds = 600;
 // The time to wait while another process fetches the same file. After it the file is fetched twice,
 // which is harmless.
 constexpr milliseconds kLockTime{30'000}, kLockPause{10};
-constexpr std::size_t kHashDigits = 64, kOriginDigits = 16;
+constexpr std::size_t kHashDigits = 64, kOriginDigits = 16, kSealDigits = 16;
 // Files are hashed when none was fetched for this time.
 constexpr milliseconds kQuiet{500};
 
@@ -110,19 +111,40 @@ bool isOfThisStart(const struct stat& file) {
     return file.st_mtim.tv_sec > kStart;
 }
 
-/// Opens a file of the cache, and notes that it is used.
-OpenFile openAt(const fs::path& path, const std::string& hash) {
-    Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
+/// Returns the nanoseconds that the time of a file gets when it was compared with its hash. Whoever
+/// writes the file later changes its time. Some file systems keep only microseconds.
+std::int64_t markOf(const std::string& hash, std::uint64_t size, std::int64_t seconds) {
+    constexpr std::uint64_t kMarks = 1'000'000, kNanosecondsInMark = 1'000;
+    const std::string text = hash + "/" + std::to_string(size) + "/" + std::to_string(seconds);
+    std::uint64_t mixed = 14'695'981'039'346'656'037u;  // FNV-1a
+    for (const unsigned char c : text) mixed = (mixed ^ c) * 1'099'511'628'211u;
+    return std::int64_t(mixed % kMarks * kNanosecondsInMark);
+}
+
+bool isMarked(const struct stat& file, const std::string& hash) {
+    return file.st_mtim.tv_nsec == markOf(hash, std::uint64_t(file.st_size), file.st_mtim.tv_sec);
+}
+
+/// Notes that the file is used, and has the content with this hash.
+void mark(const Descriptor& file, const std::string& hash) {
     struct stat found{};
-    if (!file || ::fstat(file.get(), &found) != 0) return noFile();
-    const auto now = std::int64_t(std::time(nullptr));
-    if (!isOfThisStart(found) && !hasHash(file, hash)) {
-        ::unlink(path.c_str());
-        return noFile();
-    }
-    if (!isOfThisStart(found) || found.st_mtim.tv_sec < now - kNotedSeconds)
-        ::utimensat(AT_FDCWD, path.c_str(), nullptr, 0);
-    return opened(std::move(file));
+    if (::fstat(file.get(), &found) != 0) return;
+    timespec times[2]{{0, UTIME_OMIT}, {std::time(nullptr), 0}};
+    times[1].tv_nsec = markOf(hash, std::uint64_t(found.st_size), times[1].tv_sec);
+    ::futimens(file.get(), times);
+}
+
+/// Opens a file, and nothing else that may have its name.
+Descriptor openFile(const fs::path& path) {
+    Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
+    struct stat found{};
+    if (!file || ::fstat(file.get(), &found) != 0 || !S_ISREG(found.st_mode)) return Descriptor();
+    return file;
+}
+
+/// Returns the content of a key's file. Another key's, or a damaged one, is not like it.
+std::string sealed(const std::string& key, const std::string& hash) {
+    return hash + " " + hashOf(key + hash).substr(0, kSealDigits);
 }
 
 bool isHash(const std::string& text) {
@@ -173,8 +195,7 @@ public:
         trusted_.insert(path);
         if (isStopped_) return;
         waiting_.emplace(path, std::pair(hash, origin));
-        if (!thread_.joinable()) start();
-        changed_.notify_one();
+        if (thread_.joinable() || start()) changed_.notify_one();
     }
 
     /// Call it while files are fetched.
@@ -208,13 +229,17 @@ private:
         return checks;
     }
 
-    void start() {
+    /// Returns false if the system refuses the thread. The next file tries it again.
+    [[nodiscard]] bool start() try {
         (void)Digest().hex();  // OpenSSL is started first, so it ends last
         {
             const std::lock_guard lock(running().mutex);
             running().checks.insert(this);
         }
-        thread_ = std::thread([this] { work(); });
+        thread_ = startThread("usdlive hashes", [this] { work(); });
+        return true;
+    } catch (const ThreadRefused&) {
+        return false;
     }
 
     void stop() {
@@ -254,10 +279,11 @@ private:
 
     void check(const fs::path& path, const std::string& hash, const std::string& origin,
                int howToLock, auto goesOn) {
-        const Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
+        const Descriptor file = openFile(path);
         if (!file || ::flock(file.get(), howToLock) != 0 || !isAt(path, file)) return;
         const auto isRight = hasHash(file, hash, goesOn);
         if (!isRight) return;
+        if (*isRight) mark(file, hash);
         const bool isNamed = *isRight && name(file, hash);
         const bool isSame = isAt(path, file);
         const bool isGone = isSame && (isNamed || !*isRight) && ::unlink(path.c_str()) == 0;
@@ -358,7 +384,10 @@ public:
             const fs::path path =
                 isHashed ? cache_.pathOf(named) : cache_.uncheckedPathOf(origin_, named);
             fs::create_directories(path.parent_path(), error);
-            if (::rename(name_.c_str(), path.c_str()) == 0) isOnDisk_ = false;
+            if (isHashed) mark(file_, named);
+            const auto rename = [&] { return ::rename(name_.c_str(), path.c_str()) == 0; };
+            isOnDisk_ = !rename() && !(fs::remove(path, error) && rename());  // an empty folder
+            if (isOnDisk_) cache_.report("cannot keep " + path.string());
             ::flock(file_.get(), LOCK_UN);
             if (!isHashed) cache_.checks_->add(path, named, origin_);
             cache_.added(size_);
@@ -403,6 +432,12 @@ private:
 
 // ---- Cache
 
+Cache::Stamp::Stamp(const struct stat& file)
+    : device(file.st_dev),
+      number(file.st_ino),
+      size(std::uint64_t(file.st_size)),
+      times{file.st_mtim.tv_sec, file.st_mtim.tv_nsec, file.st_ctim.tv_sec, file.st_ctim.tv_nsec} {}
+
 Cache::Options Cache::optionsFromEnvironment() {
     const auto variable = [](const char* name) -> std::string {
         const char* value = std::getenv(name);
@@ -440,6 +475,44 @@ fs::path Cache::uncheckedPathOf(const std::string& origin, const std::string& ha
     return options_.folder / "unchecked" / hashOf(origin).substr(0, kOriginDigits) / hash;
 }
 
+/// Opens a file of the cache, and notes that it is used. Removes a file with another content.
+OpenFile Cache::openAt(const fs::path& path, const std::string& hash) {
+    Descriptor file = openFile(path);
+    struct stat found{};
+    if (!file || ::fstat(file.get(), &found) != 0) return noFile();
+    const bool isRight = isKnown(path, found, hash);
+    if (!isRight && !hasHash(file, hash)) {
+        ::unlink(path.c_str());
+        return noFile();
+    }
+    const bool isTrusted = checks_->isTrusted(path);  // and not hashed yet
+    if (!isTrusted && (!isRight || found.st_mtim.tv_sec < std::time(nullptr) - kNotedSeconds)) {
+        mark(file, hash);
+        noteHashed(file, hash);
+    }
+    return opened(std::move(file));
+}
+
+/// Returns whether the file has its content without hashing it. A small file is hashed once in each
+/// process: a damaged disk does not change the time of a file.
+bool Cache::isKnown(const fs::path& path, const struct stat& found, const std::string& hash) const {
+    if (checks_->isTrusted(path)) return isOfThisStart(found);
+    {
+        const std::lock_guard lock(mutex_);
+        const auto noted = hashed_.find(hash);
+        if (noted != hashed_.end() && noted->second == Stamp(found)) return true;
+    }
+    return std::uint64_t(found.st_size) > kHashedAtOnce && isOfThisStart(found) &&
+           isMarked(found, hash);
+}
+
+void Cache::noteHashed(const Descriptor& file, const std::string& hash) {
+    struct stat found{};
+    if (::fstat(file.get(), &found) != 0) return;
+    const std::lock_guard lock(mutex_);
+    hashed_.insert_or_assign(hash, Stamp(found));
+}
+
 OpenFile Cache::find(const std::string& origin, const std::string& hash) {
     if (auto file = openAt(pathOf(hash), hash)) return file;
     const fs::path path = uncheckedPathOf(origin, hash);
@@ -452,9 +525,10 @@ OpenFile Cache::find(const std::string& origin, const std::string& hash) {
 }
 
 bool Cache::isReady(const std::string& origin, const std::string& hash) const {
-    const auto isReadyAt = [](const fs::path& path) {
+    const auto isReadyAt = [&](const fs::path& path) {
         struct stat found{};
-        return ::stat(path.c_str(), &found) == 0 && isOfThisStart(found);
+        return ::stat(path.c_str(), &found) == 0 && S_ISREG(found.st_mode) &&
+               (isKnown(path, found, hash) || (isOfThisStart(found) && isMarked(found, hash)));
     };
     const fs::path unchecked = uncheckedPathOf(origin, hash);
     return isReadyAt(pathOf(hash)) || (checks_->isTrusted(unchecked) && isReadyAt(unchecked));
@@ -508,10 +582,11 @@ Outcome<std::pair<OpenFile, std::string>> Cache::fetch(const std::string& origin
 }
 
 std::string Cache::readKey(const std::string& key) const {
-    std::ifstream file(options_.folder / "keys" / key.substr(0, 2) / key);
-    std::string hash;
-    file >> hash;
-    return isHash(hash) ? hash : "";
+    std::array<std::uint8_t, kHashDigits + 1 + kSealDigits> bytes{};
+    const Descriptor file = openFile(options_.folder / "keys" / key.substr(0, 2) / key);
+    if (!file || !readPart(file, 0, bytes)) return "";
+    const std::string line(bytes.begin(), bytes.end()), hash = line.substr(0, kHashDigits);
+    return isHash(hash) && line == sealed(key, hash) ? hash : "";
 }
 
 void Cache::writeKey(const std::string& key, const std::string& hash) {
@@ -523,7 +598,7 @@ void Cache::writeKey(const std::string& key, const std::string& hash) {
     const Descriptor file(::mkostemp(name.data(), O_CLOEXEC));
     if (!file) return;
     ::flock(file.get(), LOCK_EX | LOCK_NB);
-    const std::string line = hash + "\n";
+    const std::string line = sealed(key, hash) + "\n";
     if (!writeAll(file.get(), line.data(), line.size()) ||
         ::rename(name.c_str(), (folder / key).c_str()) != 0)
         ::unlink(name.c_str());
@@ -548,7 +623,7 @@ void Cache::removeOldFiles() {
     std::error_code error;
     // Files of processes that were killed: nobody has them locked.
     for (const auto& entry : fs::directory_iterator(options_.folder / "new", error)) {
-        const Descriptor file(::open(entry.path().c_str(), O_RDONLY | O_CLOEXEC));
+        const Descriptor file(::open(entry.path().c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
         if (file && ::flock(file.get(), LOCK_EX | LOCK_NB) == 0) ::unlink(entry.path().c_str());
     }
     struct Kept {

@@ -2,6 +2,9 @@
 // a user.
 #pragma once
 
+#include <sys/stat.h>
+
+#include <array>
 #include <atomic>
 #include <cstdint>
 #include <cstdio>
@@ -12,9 +15,14 @@
 #include <optional>
 #include <string>
 #include <system_error>
+#include <unordered_map>
 
 #include "BodySink.h"
 #include "Outcome.h"
+
+namespace usdlive {
+class Descriptor;
+}
 
 namespace usdlive::resolver {
 
@@ -28,7 +36,10 @@ using OpenFile = std::unique_ptr<std::FILE, int (*)(std::FILE*)>;
 ///   from. A thread hashes it when nothing has been fetched for a moment. If the process ends
 ///   before, the next one hashes it before it uses it;
 /// - no file is synced. A file that was used last before the machine was started is hashed again
-///   before it is used.
+///   before it is used;
+/// - a file that something else has written, cut or replaced is hashed again, too: a file that was
+///   hashed has a time that only this class gives. A small file is hashed once in each process. A
+///   file with a wrong content is removed and fetched again.
 /// If the folder cannot be written, or is full, files are kept in memory while they are open.
 class Cache {
 public:
@@ -54,7 +65,7 @@ public:
     /// Returns the file with this content if it is here, or nothing. Does not wait while it is
     /// fetched. `origin` is a text that names the server.
     [[nodiscard]] OpenFile find(const std::string& origin, const std::string& hash);
-    /// Returns whether find() finds it without hashing it.
+    /// Returns whether find() finds it without hashing more than kHashedAtOnce.
     [[nodiscard]] bool isReady(const std::string& origin, const std::string& hash) const;
     /// Returns the file with this content, which `download` fetches if it is missing. Of several
     /// threads and processes that need the same file, one fetches it.
@@ -66,7 +77,7 @@ public:
                                               const Download& download);
     /// Returns the file that was stored under `key` if it is here, or nothing.
     [[nodiscard]] OpenFile findKeyed(const std::string& origin, const std::string& key);
-    /// Returns whether findKeyed() finds it without hashing it.
+    /// Returns whether findKeyed() finds it without hashing more than kHashedAtOnce.
     [[nodiscard]] bool isKeyedReady(const std::string& origin, const std::string& key) const;
 
     /// Called by any thread when a large file from this origin was removed, because it has another
@@ -79,6 +90,17 @@ private:
     class Checks;
     class Lock;
     class NewFile;
+    /// Identifies the content of a file in this process: whoever writes it changes its times.
+    struct Stamp {
+        explicit Stamp(const struct stat& file);
+        std::uint64_t device, number, size;
+        std::array<std::int64_t, 4> times;  ///< when content and file changed, in s and ns
+        bool operator==(const Stamp&) const = default;
+    };
+    [[nodiscard]] OpenFile openAt(const std::filesystem::path& path, const std::string& hash);
+    [[nodiscard]] bool isKnown(const std::filesystem::path& path, const struct stat& found,
+                               const std::string& hash) const;
+    void noteHashed(const Descriptor& file, const std::string& hash);
     [[nodiscard]] std::filesystem::path pathOf(const std::string& hash) const;
     [[nodiscard]] std::filesystem::path uncheckedPathOf(const std::string& origin,
                                                         const std::string& hash) const;
@@ -98,6 +120,8 @@ private:
     std::once_flag reported_;
     std::atomic<std::uint64_t> added_;  // bytes that were added since the size was checked
     std::unique_ptr<Checks> checks_;
+    mutable std::mutex mutex_;                       // guards the next member
+    std::unordered_map<std::string, Stamp> hashed_;  // by hash: files that this process has hashed
 };
 
 }  // namespace usdlive::resolver

@@ -37,9 +37,12 @@ constexpr std::size_t kGrowthBytes = 64 * 1024;
 // The time until a request notices that it is stopped.
 constexpr std::chrono::milliseconds kNotice{50};
 
+// The least part of a body that counts as one.
+constexpr std::uint64_t kPartBytes = 4 * 1024;
+// The first line of an answer without success says why.
+constexpr std::uint64_t kMostReasonBytes = 64 * 1024;
+
 thread_local std::function<bool()> stopsHere;
-// The largest body that is kept in memory: a list of some million files.
-constexpr std::size_t kMostBodyBytes = 512 * 1024 * 1024;
 
 std::string text(beast::string_view view) { return {view.data(), view.size()}; }
 
@@ -122,6 +125,7 @@ private:
         }
         error_code first;
         for (const tcp::endpoint& endpoint : endpoints) {
+            stream_.close();  // the one before may be of the other family
             stream_.expires_after(times_.connect);
             error = wait([&](auto done) { stream_.async_connect(endpoint, std::move(done)); });
             if (!error) {
@@ -135,7 +139,9 @@ private:
 
     error_code send() {
         http::request<http::empty_body> message{http::verb::get, request_.target, 11};
-        message.set(http::field::host, request_.host + ":" + std::to_string(request_.port));
+        const bool isIpv6 = request_.host.find(':') != std::string::npos;
+        message.set(http::field::host, (isIpv6 ? "[" + request_.host + "]" : request_.host) + ":" +
+                                           std::to_string(request_.port));
         message.set(http::field::user_agent, "usdliveResolver");
         if (request_.takesZstd) message.set(http::field::accept_encoding, "zstd");
         for (const auto& [name, value] : request_.headers) message.set(name, value);
@@ -152,7 +158,8 @@ private:
         const std::uint64_t left = *length;
         BodyInMemory body(answer.body);
         const bool goesToSink = request_.sink && answer.status == kOk;
-        if (!goesToSink && left > kMostBodyBytes) return "the answer is too large";
+        if (answer.status != kOk && left > kMostReasonBytes) return {};
+        if (!goesToSink && left > request_.mostBytes) return "the answer is too large";
         BodySink& target = goesToSink ? *request_.sink : body;
         const auto encoding = parser_.get()[http::field::content_encoding];
         if (encoding.empty()) return read(target, left);
@@ -163,7 +170,16 @@ private:
     }
 
     std::string read(BodySink& sink, std::uint64_t left) {
+        using Clock = std::chrono::steady_clock;
+        auto partEnd = Clock::now() + times_.stall;
+        std::uint64_t atPart = left;  // how much was left when the part began
         while (left > 0) {
+            if (atPart - left >= kPartBytes) {
+                partEnd = Clock::now() + times_.stall;
+                atPart = left;
+            } else if (Clock::now() > partEnd) {
+                return "it sends too slowly";
+            }
             std::span<char> space = sink.space();
             space = space.first(std::min<std::uint64_t>(space.size(), left));
             const ssize_t count = buffer_.size() > 0 ? takeEarly(space) : receive(space);

@@ -16,7 +16,9 @@ namespace usdlive::resolver {
 struct HttpTimes {
     std::chrono::milliseconds connect{5'000};
     std::chrono::milliseconds answer{20'000};  ///< until the headers arrive
-    std::chrono::milliseconds stall{15'000};   ///< between two parts of the body
+    /// Between two parts of the body, each of some KiB: a server that sends a byte from time to
+    /// time sends no part.
+    std::chrono::milliseconds stall{15'000};
 };
 
 struct HttpAnswer {
@@ -33,6 +35,8 @@ struct HttpRequest {
     std::vector<std::pair<std::string, std::string>> headers = {};
     BodySink* sink = nullptr;  ///< receives the body of a successful answer
     bool takesZstd = false;    ///< the server may compress the body (AS5), which is inflated here
+    /// The largest body that is kept in memory: a list of a million files.
+    std::uint64_t mostBytes = std::uint64_t(256) * 1024 * 1024;
 };
 
 /// True for `localhost` and addresses of the loopback interface.

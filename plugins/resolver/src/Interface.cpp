@@ -127,6 +127,8 @@ int refresh(const char* token, Changed changed, IsStopped isStopped, void* conte
         return 0;
     }
     if (reported().isLayersDue(token)) reportLayers(*live, *located->project, changed, context);
+    for (const std::string& path : live->tick->takeSought())
+        if (!isUsdLayer(path) && (*now)->files.contains(path)) changed(context, path.c_str());
     const SnapshotPtr before = reported().exchange(token, *now);
     if (!before || before == *now) return 1;
     for (const std::string& path : changedFiles(*before, **now)) changed(context, path.c_str());

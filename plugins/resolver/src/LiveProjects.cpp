@@ -78,6 +78,16 @@ void Tick::need(const std::string& path) {
     if (times == times_.end() || times->second < kMostTimes) needed_.insert(path);
 }
 
+void Tick::seek(const std::string& path) {
+    const std::lock_guard lock(mutex_);
+    sought_.insert(path);
+}
+
+std::set<std::string> Tick::takeSought() {
+    const std::lock_guard lock(mutex_);
+    return std::exchange(sought_, {});
+}
+
 void FileLayers::set(const std::string& path, bool isFile) {
     const std::lock_guard lock(mutex_);
     if (isFile)

@@ -35,10 +35,16 @@ public:
     /// cache is too small for what the stage needs.
     void need(const std::string& path);
 
+    /// Call it for a file that cannot be looked for, because there is no list of files yet, and
+    /// look for it once more after that.
+    void seek(const std::string& path);
+    /// Returns these files when there is a list.
+    [[nodiscard]] std::set<std::string> takeSought();
+
 private:
     std::atomic<bool> isRunning_ = false;
     mutable std::mutex mutex_;  // guards the next members
-    std::set<std::string> needed_;
+    std::set<std::string> needed_, sought_;
     std::map<std::string, std::string> fetched_;  // contents by path
     std::map<std::string, int> times_;            // how often a file was fetched and not found
 };

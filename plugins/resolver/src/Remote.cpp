@@ -28,6 +28,10 @@ constexpr milliseconds kAskAgain{-1};
 // A snapshot that is in use is asked for again after this time.
 constexpr milliseconds kLongestUse{5'000};
 constexpr const char* kFollowedQuery = "?layers=no";
+// The largest content whose size no list names, such as that of a layer with a history.
+constexpr std::uint64_t kMostUnlistedBytes = std::uint64_t(4) << 30;
+constexpr std::size_t kMostFiles = 2'000'000;                   // in one project
+constexpr std::uint64_t kMostProjectsBytes = 16 * 1024 * 1024;  // a list of projects
 constexpr int kOpenAttempts = 3;
 constexpr std::size_t kTokenDigits = 16, kSha256Digits = 64;
 
@@ -40,7 +44,8 @@ std::vector<std::string> allowedHosts() {
     std::vector<std::string> hosts;
     std::string text = environment("USDLIVE_RESOLVER_HOSTS") + ",";
     for (std::size_t comma; (comma = text.find(',')) != std::string::npos; text.erase(0, comma + 1))
-        if (comma > 0) hosts.push_back(text.substr(0, comma));
+        if (const std::string host = text.substr(0, comma); !host.empty())
+            hosts.push_back(host.starts_with('[') ? hostOf(host) : host);
     return hosts;
 }
 
@@ -85,27 +90,62 @@ bool isVersion(const std::string& version) {
     return !version.empty() && version.find_first_not_of("0123456789abcdef-") == std::string::npos;
 }
 
+void addFile(const Json& file, Snapshot& snapshot) {
+    Entry entry{textIn(file, "version"), textIn(file, "hash"),
+                numberIn<std::int64_t>(file, "modifiedMs")};
+    if (snapshot.files.size() > kMostFiles) return;
+    if (const auto size = file.find("size"); size != file.end() && size->is_number_unsigned())
+        entry.size = size->get<std::uint64_t>();
+    if (!entry.hash.empty() && !isHashToken(entry.hash)) return;
+    if (!entry.version.empty() && !isVersion(entry.version)) return;
+    snapshot.files.insert_or_assign(textIn(file, "path"), std::move(entry));
+}
+
 Outcome<SnapshotPtr> parseSnapshot(const HttpAnswer& answer, const std::string& pin) {
-    const Json json = Json::parse(answer.body, nullptr, false);
+    auto snapshot = std::make_shared<Snapshot>();
+    // Keeps one file at a time and the members that are used, so that a large list does not take
+    // several times its size.
+    bool isInFiles = false;
+    const auto take = [&](int depth, Json::parse_event_t event, Json& parsed) {
+        using Event = Json::parse_event_t;
+        if (depth == 0) return event == Event::object_start || event == Event::object_end;
+        if (depth == 1 && event == Event::key) {
+            isInFiles = parsed == "files";
+            return isInFiles || parsed == "project" || parsed == "revision";
+        }
+        if (depth == 1) return isInFiles || event == Event::value;
+        if (depth == 2 && isInFiles && event == Event::object_end) addFile(parsed, *snapshot);
+        if (depth == 2) return isInFiles && event == Event::object_start;
+        return isInFiles && depth == 3 && (event == Event::key || event == Event::value);
+    };
+    const Json json = Json::parse(answer.body, take, false);
     const auto files = json.is_object() ? json.find("files") : json.end();
     if (!json.is_object() || files == json.end() || !files->is_array())
         return Failure{"the answer is not a list of files. Is this a usdlive server?"};
-    auto snapshot = std::make_shared<Snapshot>();
+    if (snapshot->files.size() > kMostFiles)
+        return Failure{"the project has more than " + std::to_string(kMostFiles) + " files"};
     snapshot->project = textIn(json, "project");
     snapshot->revision = numberIn<std::uint64_t>(json, "revision");
     snapshot->pin = pin;
     snapshot->etag = answer.etag;
-    snapshot->files.reserve(files->size());
-    for (const Json& file : *files) {
-        if (!file.is_object()) continue;
-        Entry entry{textIn(file, "version"), textIn(file, "hash"),
-                    numberIn<std::int64_t>(file, "modifiedMs")};
-        if (!entry.hash.empty() && !isHashToken(entry.hash)) continue;
-        if (!entry.version.empty() && !isVersion(entry.version)) continue;
-        snapshot->files.insert_or_assign(textIn(file, "path"), std::move(entry));
-    }
     return SnapshotPtr(snapshot);
 }
+
+/// Takes a body that is no longer than the server has said.
+class Bounded final : public BodySink {
+public:
+    Bounded(BodySink& target, std::uint64_t most) : target_(target), left_(most) {}
+    std::span<char> space() override { return target_.space(); }
+    std::string add(std::size_t size) override {
+        if (size > left_) return "it is longer than the server has listed";
+        left_ -= size;
+        return target_.add(size);
+    }
+
+private:
+    BodySink& target_;
+    std::uint64_t left_;
+};
 
 /// The hash in the token names the history, so the key needs neither server nor project.
 std::string keyOf(const std::string& path, const std::string& token) { return token + "/" + path; }
@@ -243,11 +283,13 @@ HttpRequest Project::requestFor(const std::string& target) const {
     return request;
 }
 
-/// Returns the hash of what was sent. `wanted`: the ETag has to begin with it.
+/// Returns the hash of what was sent. `wanted`: the ETag has to begin with it. `size`: the largest
+/// size.
 Outcome<std::string> Project::download(const std::string& target, const std::string& wanted,
-                                       BodySink& sink) {
+                                       std::optional<std::uint64_t> size, BodySink& sink) {
     HttpRequest request = requestFor(target);
-    request.sink = &sink;
+    Bounded bounded(sink, size.value_or(kMostUnlistedBytes));
+    request.sink = &bounded;
     const auto answer = patientGet(request, times_);
     if (!answer) return answer.failure();
     if (answer->status != kOk) return Failure{sentenceOf(*answer), answer->status};
@@ -259,7 +301,7 @@ Outcome<std::string> Project::download(const std::string& target, const std::str
 Outcome<OpenFile> Project::openVersion(const std::string& path, const std::string& token) {
     return cache_.keyedFile(origin_, keyOf(path, token), [&](BodySink& sink) {
         return download("/files/" + urlEncoded(path) + "?revision=" + revisionOf(token), token,
-                        sink);
+                        std::nullopt, sink);
     });
 }
 
@@ -281,6 +323,16 @@ bool Project::isReady(const std::string& path, const std::string& content) const
                                 : cache_.isKeyedReady(origin_, keyOf(path, content));
 }
 
+std::optional<std::uint64_t> Project::sizeOf(const std::string& path,
+                                             const std::string& hash) const {
+    for (const SnapshotPtr& list : {last(), lastFollowed()}) {
+        if (!list) continue;
+        const auto found = list->files.find(path);
+        if (found != list->files.end() && found->second.hash == hash) return found->second.size;
+    }
+    return std::nullopt;
+}
+
 Outcome<OpenFile> Project::openFile(const std::string& path, const std::string& hash) {
     std::string wanted = hash;
     Failure failure{"it changes all the time"};
@@ -288,7 +340,6 @@ Outcome<OpenFile> Project::openFile(const std::string& path, const std::string& 
         const std::string target = "/files/" + urlEncoded(path);
         if (wanted.empty()) {
             // The server does not know the hash yet, or another file is there by now.
-            const auto fetch = [&](BodySink& sink) { return download(target, "", sink); };
             const auto list = newest(kAskAgain);
             if (!list) return list.failure();
             const auto found = (*list)->files.find(path);
@@ -299,10 +350,10 @@ Outcome<OpenFile> Project::openFile(const std::string& path, const std::string& 
                 return cache_.keyedFile(
                     origin_,
                     path + "/" + std::to_string(found->second.modifiedMs) + "/" + host_ + prefix_,
-                    fetch);
+                    [&](BodySink& sink) { return download(target, "", found->second.size, sink); });
         }
         auto file = cache_.file(origin_, wanted, [&](BodySink& sink) {
-            return download(target + "?hash=" + wanted, wanted, sink);
+            return download(target + "?hash=" + wanted, wanted, sizeOf(path, wanted), sink);
         });
         if (file) return file;
         failure = file.failure();
@@ -419,7 +470,9 @@ std::optional<Failure> Remotes::ask(Server& server, const Url& url, bool again) 
     if (isAnswered()) return answerNow();
     const std::lock_guard asking(server.asking);
     if (isAnswered()) return answerNow();
-    const auto answer = httpGet({url.host, url.port, "/projects"}, times_);
+    HttpRequest request{url.host, url.port, "/projects"};
+    request.mostBytes = kMostProjectsBytes;
+    const auto answer = httpGet(request, times_);
     if (!answer && areRequestsStopped()) return answer.failure();
     const std::lock_guard lock(server.mutex);
     server.when = std::chrono::steady_clock::now();

@@ -22,6 +22,7 @@ struct Entry {
     std::string version;  ///< names the content of a layer with a history; otherwise empty
     std::string hash;     ///< SHA-256 of the file; empty: the server does not know it yet
     std::int64_t modifiedMs = 0;
+    std::optional<std::uint64_t> size = {};  ///< bytes; nothing for a layer with a history
 
     /// Names the content in resolved paths: a version, as versionToken() makes it, or a hash.
     [[nodiscard]] std::string content() const;
@@ -100,7 +101,11 @@ private:
     [[nodiscard]] Outcome<SnapshotPtr> request(const SnapshotPtr& known, const Listing& listing);
     [[nodiscard]] HttpRequest requestFor(const std::string& target) const;
     [[nodiscard]] Outcome<std::string> download(const std::string& target,
-                                                const std::string& wanted, BodySink& sink);
+                                                const std::string& wanted,
+                                                std::optional<std::uint64_t> size, BodySink& sink);
+    /// Returns the size that the last lists name for this content.
+    [[nodiscard]] std::optional<std::uint64_t> sizeOf(const std::string& path,
+                                                      const std::string& hash) const;
 
     const std::string host_;
     const std::uint16_t port_;

@@ -117,7 +117,11 @@ protected:
         if (!url->version.empty() && !url->isLive()) return ArResolvedPath(url->resolvedPath());
         const auto live = LiveProjects::ofProcess().find(*url);
         if (live && live->layerFile(*url)) return ArResolvedPath(url->resolvedPath());
-        const auto found = find(*url, live);
+        auto found = find(*url, live);
+        if (live && !found && url->path.starts_with(live->prefix)) {
+            live->tick->seek(live->inProject(*url));
+            found = find(*url, live);
+        }
         const bool isHere = found && found->entry;
         // The client knows that it exists: the list is older than the project, or did not come.
         if (!isHere && live && live->isFileLayer(*url)) live->tick->need(live->inProject(*url));

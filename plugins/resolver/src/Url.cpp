@@ -1,7 +1,10 @@
 // Parses and writes addresses of files in served projects.
 #include "Url.h"
 
+#include <arpa/inet.h>
+
 #include <algorithm>
+#include <array>
 #include <cctype>
 #include <charconv>
 #include <vector>
@@ -66,17 +69,28 @@ std::nullopt_t refuse(std::string* why, std::string reason) {
     return std::nullopt;
 }
 
+/// Returns the IPv6 address as it is written everywhere, or an empty text if it is none.
+std::string addressOfIpv6(std::string_view text) {
+    in6_addr bytes{};
+    std::array<char, INET6_ADDRSTRLEN> written{};
+    if (::inet_pton(AF_INET6, std::string(text).c_str(), &bytes) != 1 ||
+        !::inet_ntop(AF_INET6, &bytes, written.data(), written.size()))
+        return {};
+    return written.data();
+}
+
 bool parseAuthority(std::string_view text, Url& url, std::string* why) {
-    const std::size_t colon = text.find(':');
-    const std::string_view host = text.substr(0, colon);
-    const auto isHostChar = [](unsigned char c) { return std::isalnum(c) || c == '-' || c == '.'; };
-    if (host.empty() || !std::ranges::all_of(host, isHostChar)) {
+    const auto decoded = percentDecoded(text);
+    const std::string authority = decoded.value_or("");
+    const std::size_t bracket = authority.starts_with('[') ? authority.find(']') : 0;
+    const std::size_t colon = authority.find(':', bracket == std::string::npos ? 0 : bracket);
+    url.host = hostOf(std::string_view(authority).substr(0, colon));
+    if (url.host.empty()) {
         refuse(why, "it names no host, as usdlive://localhost:7447/shot.usda does");
         return false;
     }
-    for (const char c : host) url.host += char(std::tolower(static_cast<unsigned char>(c)));
-    if (colon == std::string_view::npos) return true;
-    const std::string_view port = text.substr(colon + 1);
+    if (colon == std::string::npos) return true;
+    const std::string_view port = std::string_view(authority).substr(colon + 1);
     const auto [end, error] = std::from_chars(port.data(), port.data() + port.size(), url.port);
     if (error == std::errc() && end == port.data() + port.size() && url.port != 0) return true;
     refuse(why, "its port is not a number from 1 to 65535");
@@ -95,7 +109,11 @@ bool parseMark(std::string_view text, Url& url) {
 
 }  // namespace
 
-std::string Url::server() const { return std::string(kPrefix) + host + ":" + std::to_string(port); }
+std::string Url::server() const {
+    const bool isIpv6 = host.find(':') != std::string::npos;
+    return std::string(kPrefix) + (isIpv6 ? "%5B" + host + "%5D" : host) + ":" +
+           std::to_string(port);
+}
 
 std::string Url::identifier() const {
     if (isLive()) return resolvedPath();
@@ -108,6 +126,16 @@ std::string Url::resolvedPath() const {
     if (!version.empty()) text += "~" + version;
     if (!pin.empty() || !version.empty()) text += "/";
     return text + encodedPath(path);
+}
+
+std::string hostOf(std::string_view text) {
+    const auto isHostChar = [](unsigned char c) { return std::isalnum(c) || c == '-' || c == '.'; };
+    if (text.starts_with('[') && text.ends_with(']'))
+        return addressOfIpv6(text.substr(1, text.size() - 2));
+    std::string host;
+    if (std::ranges::all_of(text, isHostChar))
+        for (const char c : text) host += char(std::tolower(static_cast<unsigned char>(c)));
+    return host;
 }
 
 bool hasScheme(std::string_view text) {

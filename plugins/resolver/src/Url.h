@@ -17,7 +17,7 @@ inline constexpr std::string_view kLiveToken = "live";
 /// resolved path, with the pin and the version before the path, so that it ends as the path does
 /// (OpenUSD finds the tiles of a UDIM texture by the ending).
 struct Url {
-    std::string host;  ///< lower-case
+    std::string host;  ///< the result of hostOf()
     std::uint16_t port = kDefaultPort;
     /// Decoded and without `.` and `..`, except at its beginning if the path leads out of the
     /// project. With the name of the project first, if the server has several.
@@ -31,11 +31,16 @@ struct Url {
 
     [[nodiscard]] std::string identifier() const;
     [[nodiscard]] std::string resolvedPath() const;
-    /// Returns the part before the path, such as `usdlive://localhost:7447`.
+    /// Returns the part before the path, such as `usdlive://localhost:7447`. It has the brackets of
+    /// an IPv6 address as `%5B` and `%5D`: OpenUSD reads brackets as the path in a package.
     [[nodiscard]] std::string server() const;
     [[nodiscard]] bool isLive() const { return version.starts_with(kLiveToken); }
     [[nodiscard]] bool leadsOut() const { return path == ".." || path.starts_with("../"); }
 };
+
+/// Returns the name of a host in lower case, or an IPv6 address, which is written in brackets,
+/// without them. Empty if the text is neither.
+[[nodiscard]] std::string hostOf(std::string_view text);
 
 /// True for texts that begin with `usdlive:`.
 [[nodiscard]] bool hasScheme(std::string_view text);

@@ -22,8 +22,8 @@ constexpr std::size_t kStepValues = 64;
 
 }  // namespace
 
-BlobCollector::BlobCollector(asio::io_context& network, asio::thread_pool& workers,
-                             SharedStore& store, BlobStore& blobs, milliseconds keep, Log& log)
+BlobCollector::BlobCollector(asio::io_context& network, WorkerShare& workers, SharedStore& store,
+                             BlobStore& blobs, milliseconds keep, Log& log)
     : network_(network),
       workers_(workers),
       store_(store),
@@ -46,7 +46,7 @@ void BlobCollector::roundIn(milliseconds pause) {
 
 template <class Step>
 void BlobCollector::onWorker(Step step) {
-    asio::post(workers_, [this, step = std::move(step)] {
+    workers_.post([this, step = std::move(step)] {
         const auto begin = Clock::now();
         step();
         spent_ += Clock::now() - begin;
@@ -56,6 +56,7 @@ void BlobCollector::onWorker(Step step) {
 // Lists the values before it reads the history: the project knows of all references added later.
 void BlobCollector::look() {
     spent_ = {};
+    blobs_.forget({});  // incomplete values that nobody has continued for too long
     auto stored = blobs_.list();
     if (!stored) return failed(stored.error());
     stored_ = std::move(*stored);

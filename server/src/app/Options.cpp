@@ -15,6 +15,7 @@ namespace {
 
 using Json = nlohmann::json;
 
+constexpr int kOutputError = 1;
 constexpr int kUsageError = 2;
 constexpr std::uint64_t kMostTransactionMib = 4'000;  // the store's records are below 4 GiB
 constexpr const char* kFooter = R"(
@@ -49,6 +50,12 @@ void addNetworkOptions(CLI::App& app, ServerOptions& options) {
     app.add_option("--port-file", options.portFile,
                    "Write the port to this file when the server listens")
         ->type_name("FILE")
+        ->group(group);
+    app.add_option("--allow-host", options.allowedHosts,
+                   "Answer requests for this host name, too; \"*\" allows all")
+        ->type_name("NAME")
+        ->default_str("")
+        ->allow_extra_args(false)
         ->group(group);
     app.add_option("--allow-origin", options.allowedOrigins,
                    "Let web pages of this origin connect; \"*\" allows all")
@@ -133,6 +140,12 @@ void addLimits(CLI::App& app, ServerOptions& options) {
         "Largest transaction, the edits of one frame of an editor;\n"
         "the server's memory holds it several times");
     add("--max-sessions", options.maxSessions, 1, 1'000'000, "Most clients at the same time");
+    add("--max-guests", options.maxGuests, 1, 1'000'000,
+        "Most HTTP requests, and connections without a hello;\n"
+        "if there are more, one that sends nothing is closed");
+    add("--guest-seconds", options.guestSeconds, 1, 3'600,
+        "Most time for the headers of a request, and for the\n"
+        "hello of a session");
     add("--slow-reader-mib", options.slowReaderMib, 1, 1 << 20,
         "Most data that may wait for a client; a slower client\n"
         "is disconnected");
@@ -256,6 +269,7 @@ std::variant<ServerOptions, int> parseOptions(int argc, const char* const* argv)
         name);
     app.get_formatter()->column_width(44);
     app.footer(kFooter);
+    app.set_version_flag("--version", name + " " USDLIVE_VERSION)->configurable(false);
     addOptions(app, options, config);
     const auto wrong = [&name](const std::string& what) {
         std::cerr << name << ": " << what << '\n';
@@ -264,7 +278,10 @@ std::variant<ServerOptions, int> parseOptions(int argc, const char* const* argv)
     try {
         app.parse(argc, argv);
     } catch (const CLI::Success& asked) {
-        return app.exit(asked);
+        const int code = app.exit(asked);
+        if (std::cout.flush()) return code;
+        std::cerr << name << ": standard output cannot be written\n";
+        return kOutputError;
     } catch (const CLI::ExtrasError&) {
         const auto rest = app.remaining();
         const auto flag = std::find_if(rest.begin(), rest.end(),

@@ -30,9 +30,9 @@ constexpr milliseconds kHistoryPause{60 * 60 * 1'000};
 
 }  // namespace
 
-ProjectRuntime::ProjectRuntime(asio::io_context& network, WorkerLanes& workers, SharedStore& store,
+ProjectRuntime::ProjectRuntime(asio::io_context& network, WorkerShares& workers, SharedStore& store,
                                StorageThread& storage, BlobStore& blobs, ProjectFiles files,
-                               milliseconds keepUnusedBlobs, Metrics& metrics, WallClock clock,
+                               milliseconds keepUnusedBlobs, Metrics& metrics, ports::Clock& clock,
                                Log& log)
     : network_(network),
       workers_(workers),
@@ -41,7 +41,7 @@ ProjectRuntime::ProjectRuntime(asio::io_context& network, WorkerLanes& workers, 
       folder_(std::move(files.folder)),
       list_(std::move(files.list)),
       metrics_(metrics),
-      clock_(std::move(clock)),
+      clock_(clock),
       log_(log),
       intake_([this](SessionId session, bool reading) {
           transports_.of(session).setReading(session, reading);
@@ -54,7 +54,7 @@ ProjectRuntime::ProjectRuntime(asio::io_context& network, WorkerLanes& workers, 
               }),
       outbox_(transports_),
       history_(strand_, intake_, workers, store, storage, folder_ / ".usdlive" / "blobs", log),
-      blobs_(strand_, workers, transports_, blobs),
+      blobs_(strand_, workers, transports_, blobs, files.texts),
       files_(strand_, workers, files.layers, files.assets, blobs, store, log),
       activity_(log),
       retryTimer_(network),
@@ -63,7 +63,7 @@ ProjectRuntime::ProjectRuntime(asio::io_context& network, WorkerLanes& workers, 
       clientsTimer_(network),
       historyTimer_(network),
       spaceTimer_(network),
-      collector_(network, workers.history, store, blobs, keepUnusedBlobs, log) {}
+      collector_(network, *workers.history, store, blobs, keepUnusedBlobs, log) {}
 
 Result<void> ProjectRuntime::start(ProjectSetup setup) {
     setup_ = std::move(setup);
@@ -188,13 +188,13 @@ void ProjectRuntime::startAgain() {
 }
 
 void ProjectRuntime::makeProject(ProjectBeginning beginning) {
-    const Ports ports{outbox_, history_, blobs_, files_, *this, activity_};
+    const Ports ports{outbox_, history_, blobs_, files_, clock_, activity_};
     strand_.set(std::make_unique<Project>(setup_.options, ports, std::move(beginning.store),
                                           beginning.files));
 }
 
 void ProjectRuntime::makeProjectAgain() {
-    asio::post(workers_.joins, [this] {
+    workers_.joins->post([this] {
         auto beginning = resultOf(setup_.read);
         asio::post(network_, [this, beginning = std::move(beginning)]() mutable {
             if (beginning) {
@@ -216,7 +216,7 @@ void ProjectRuntime::scanFilesIn(milliseconds pause) {
     scanTimer_.expires_after(pause);
     scanTimer_.async_wait([this](const boost::system::error_code& error) {
         if (error) return;
-        asio::post(workers_.files, [this] {
+        workers_.files->post([this] {
             const auto begin = steady_clock::now();
             auto files = resultOf(list_);
             const auto time = std::chrono::duration_cast<milliseconds>(steady_clock::now() - begin);
@@ -256,7 +256,7 @@ void ProjectRuntime::forgetClientsIn(milliseconds pause) {
         if (error) return;
         std::set<ClientId> kept;
         strand_.use([&](Project& project) { kept = project.activeClients(); });
-        asio::post(workers_.history, [this, kept = std::move(kept)] {
+        workers_.history->post([this, kept = std::move(kept)] {
             Revision upTo = 0;
             const auto forgotten = store_.use([&](CommitStore& store) {
                 const auto some = store.forgetClients(kKnownClients, kept);
@@ -285,11 +285,12 @@ void ProjectRuntime::lookForSpaceIn(milliseconds pause) {
     spaceTimer_.expires_after(pause);
     spaceTimer_.async_wait([this](const boost::system::error_code& error) {
         if (error) return;
-        asio::post(workers_.joins, [this] {
+        workers_.joins->post([this] {
             const auto found =
                 store_.use([](CommitStore& store) -> Result<bool> { return store.hasSpace(); });
             asio::post(network_, [this, found] {
                 hasSpace_ = found.value_or(hasSpace_);
+                if (!hasSpace_) blobs_.removeUnfinished({});  // those of clients that have left
                 strand_.use([&](Project& project) { project.setSpace(hasSpace_); });
                 lookForSpaceIn(kSpacePause);
             });

@@ -75,8 +75,15 @@ std::optional<std::map<std::string, fs::path>> foldersIn(const fs::path& parent)
 
 }  // namespace
 
-Projects::Projects(asio::io_context& io, const ServerOptions& options, MakeLog makeLog, Log& log)
-    : io_(io), options_(options), makeLog_(std::move(makeLog)), log_(log), folderTimer_(io) {}
+Projects::Projects(asio::io_context& io, const ServerOptions& options, Workers& workers,
+                   MakeLog makeLog, Log& log)
+    : io_(io),
+      options_(options),
+      workers_(workers),
+      makeLog_(std::move(makeLog)),
+      log_(log),
+      folderTimer_(io),
+      startTimer_(io) {}
 
 Projects::~Projects() = default;
 
@@ -121,14 +128,23 @@ Result<void> Projects::open(std::function<void()> opened) {
         add(name, folder);
         projects_[name].isNamed = true;
     }
+    for (auto& [name, entry] : projects_) entry.project->start();
     asio::post(io_, [this] { checkOpened(); });
     return {};
 }
 
 void Projects::add(const std::string& name, const fs::path& folder) {
     projects_[name].project = std::make_unique<ServedProject>(
-        name, folder, options_, makeLog_(areSeveral() ? name : ""),
+        name, folder, options_, workers_, makeLog_(areSeveral() ? name : ""),
         [this, name] { asio::post(io_, [this, name] { changed(name); }); });
+}
+
+void Projects::startIn(milliseconds pause) {
+    startTimer_.expires_after(pause);
+    startTimer_.async_wait([this](const boost::system::error_code& error) {
+        if (error || stopped_) return;
+        for (auto& [name, entry] : projects_) entry.project->start();
+    });
 }
 
 void Projects::changed(const std::string& name) {
@@ -141,6 +157,7 @@ void Projects::changed(const std::string& name) {
                    {{"project", name}, {"error", status.error->message}});
     if (status.state == State::Serving && opened_ == nullptr)
         log_.write(LogLevel::Info, "project opened", {{"project", name}});
+    if (entry.project->lacksThreads()) startIn(ServedProject::kRetryPause);
     if (status.state == State::Stopped) projects_.erase(found);
     checkOpened();
     if (projects_.empty() && stopped_) std::exchange(stopped_, nullptr)();
@@ -178,6 +195,7 @@ void Projects::announce(const std::string& url, const HttpServer& http,
 
 void Projects::stop(std::function<void()> done) {
     folderTimer_.cancel();
+    startTimer_.cancel();
     stopped_ = std::move(done);
     for (const auto& [name, entry] : projects_) entry.project->stop();
     if (projects_.empty()) asio::post(io_, std::exchange(stopped_, nullptr));
@@ -213,6 +231,7 @@ void Projects::foldersFound(const std::map<std::string, fs::path>& found) {
                     log_.write(LogLevel::Error, "project is not served over DDS",
                                {{"project", name}, {"error", done.error().message}});
             });
+        entry.project->start();
     }
 }
 
@@ -226,6 +245,7 @@ HttpRoute Projects::route(const HttpTarget& target) {
                 [this, make, answer](const Reports& reports) { answer((this->*make)(reports)); });
         });
     };
+    if (path == "/") return page(&Projects::welcome);
     if (path == "/healthz") return page(&Projects::health);
     if (path == "/metrics") return page(&Projects::metrics);
     if (path == "/projects") return page(&Projects::list);
@@ -273,7 +293,8 @@ HttpRoute Projects::sessionsOf(ServedProject& project) {
 
 HttpReply Projects::unavailable(const ServedProject& project) {
     const ServedProject::Status status = project.status();
-    const std::string why = status.error ? "cannot be opened: " + status.error->message
+    const std::string why = status.error
+                                ? "cannot be opened: " + project.texts()(*status.error).message
                             : status.state == State::Opening ? "is being opened"
                                                              : "is being closed";
     return HttpReply{"text/plain", "the project \"" + project.name() + "\" " + why + "\n",
@@ -325,6 +346,33 @@ void Projects::gather(std::function<void(const Reports&)> done) {
     all->timer.async_wait([all](const boost::system::error_code& error) {
         if (!error) all->end();
     });
+}
+
+/// Answers somebody who opens the address in a browser.
+HttpReply Projects::welcome(const Reports& reports) const {
+    const auto urlOf = [this](const std::string& name) {
+        return areSeveral() ? url_ + "/" + percentEncoded(name) : url_;
+    };
+    std::string page = "usdlive " USDLIVE_VERSION
+                       ": people edit OpenUSD stages of this server together, at the same time.\n"
+                       "\nProjects\n";
+    std::size_t named = 0;
+    for (const auto& [name, report] : reports) {
+        if (named++ == kMostNamed) {
+            page += "  and " + std::to_string(reports.size() - kMostNamed) + " more: /projects\n";
+            break;
+        }
+        page += "  " + urlOf(name) + "  " + report.status + ", revision " +
+                std::to_string(report.revision) + ", sessions " + std::to_string(report.sessions) +
+                "\n";
+    }
+    if (reports.empty()) page += "  none yet\n";
+    const std::string url = reports.empty() ? url_ : urlOf(reports.front().first);
+    return {"text/plain; charset=utf-8",
+            page + "\nConnect\n  shell:    usdlive ls " + url + "\n  Python:   usdlive.connect(\"" +
+                url + "\", user=\"ada\")\n  OpenUSD:  Usd.Stage.Open(\"usdlive" +
+                url.substr(url.find(':')) + "/LAYER.usda\"), to read\n" +
+                "\nOther pages\n  /projects  /files  /healthz  /metrics\n"};
 }
 
 HttpReply Projects::health(const Reports& reports) const {

@@ -48,7 +48,9 @@ std::vector<std::string> ipv4Addresses() {
 RunningServer::RunningServer(std::filesystem::path folder, const std::string& url)
     : file_(fileOf(folder)) {
     const std::string text = nlohmann::json{{"process", ::getpid()}, {"url", url}}.dump() + "\n";
-    const Descriptor file(::open(file_.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644));
+    // O_NONBLOCK, so that a pipe of this name does not block.
+    const Descriptor file(
+        ::open(file_.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC | O_NONBLOCK, 0644));
     if (!file) return;
     [[maybe_unused]] const ssize_t ignored = ::write(file.get(), text.data(), text.size());
 }
@@ -56,6 +58,8 @@ RunningServer::RunningServer(std::filesystem::path folder, const std::string& ur
 RunningServer::~RunningServer() { ::unlink(file_.c_str()); }
 
 std::optional<RunningServer::Where> RunningServer::find(const std::filesystem::path& folder) {
+    std::error_code ignored;
+    if (!std::filesystem::is_regular_file(fileOf(folder), ignored)) return std::nullopt;
     std::ifstream file(fileOf(folder));
     const auto json = nlohmann::json::parse(file, nullptr, false);
     if (!json.is_object() || !json.contains("process") || !json["process"].is_number_integer() ||

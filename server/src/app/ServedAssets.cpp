@@ -29,6 +29,7 @@ constexpr unsigned kForbiddenFile = 403, kFileNotFound = 404, kConflict = 409, k
 constexpr milliseconds kHashTime{3'000};
 constexpr std::uint64_t kHashedAtOnce = 64 * 1024 * 1024;  // larger files take too long
 constexpr milliseconds kHashSlice{2'000};
+constexpr unsigned kErrors = 400;  // and above
 // The layers that are kept as they were sent, because several clients open the same ones.
 constexpr const char* kBinary = "application/octet-stream";
 
@@ -106,19 +107,23 @@ FileJson describe(const std::string& path, const AssetFile& file) {
 }  // namespace
 
 ServedAssets::ServedAssets(std::string project, AssetFiles& assets, LayerFiles& layers,
-                           SharedStore& store, WorkerLanes& workers, Log& log)
+                           SharedStore& store, WorkerShares& workers, const PublicText& texts,
+                           Log& log)
     : project_(std::move(project)),
       layers_(layers),
       store_(store),
       workers_(workers),
+      texts_(texts),
       log_(log),
       assets_(assets),
       compressed_(std::make_shared<CompressedContents>()) {}
 
 void ServedAssets::answer(const FileRequest& request, const HttpAnswer& answer) {
-    asio::post(workers_.history, [this, request, answer] {
+    workers_.history->post([this, request, answer] {
         try {
-            answer(reply(request));
+            HttpReply made = reply(request);
+            if (made.status >= kErrors) made.body = texts_(std::move(made.body));
+            answer(std::move(made));
         } catch (const std::exception& fault) {
             log_.write(LogLevel::Error, "request for a file failed",
                        {{"file", request.path}, {"error", fault.what()}});
@@ -330,7 +335,7 @@ void ServedAssets::hashTheRest(std::size_t missing) {
         const std::lock_guard lock(mutex_);
         if (std::exchange(isHashing_, true)) return;
     }
-    asio::post(workers_.history, [this, missing] {
+    workers_.history->post([this, missing] {
         const auto read = [this] { return assets_.list(steady_clock::now() + kHashSlice); };
         const auto files = resultOf(read);
         {
@@ -343,8 +348,8 @@ void ServedAssets::hashTheRest(std::size_t missing) {
 }
 
 std::function<void(std::function<void()>)> ServedAssets::downloads() const {
-    return [lane = std::weak_ptr(workers_.downloads)](std::function<void()> job) {
-        if (const auto pool = lane.lock()) asio::post(*pool, std::move(job));
+    return [share = std::weak_ptr(workers_.downloads)](std::function<void()> job) {
+        if (const auto workers = share.lock()) workers->post(std::move(job));
     };
 }
 

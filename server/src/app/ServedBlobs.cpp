@@ -2,7 +2,6 @@
 #include "usdlive/server/app/ServedBlobs.h"
 
 #include <algorithm>
-#include <boost/asio/post.hpp>
 #include <iterator>
 #include <memory>
 #include <utility>
@@ -11,26 +10,20 @@
 
 namespace usdlive::server {
 
-namespace asio = boost::asio;
-
 namespace {
-
-SharedBytes blobError(const Hash& hash, const Error& error) {
-    return sharedFrame(
-        ErrorMessage{std::string(errorName(error.code)), error.message, false, {}, hash});
-}
 
 /// Returns the parts of a big value, one per call.
 class BlobSource {
 public:
-    BlobSource(const BlobStore& blobs, const Hash& hash, std::uint64_t offset)
-        : blobs_(blobs), hash_(hash), offset_(offset) {}
+    BlobSource(const BlobStore& blobs, const PublicText& texts, const Hash& hash,
+               std::uint64_t offset)
+        : blobs_(blobs), texts_(texts), hash_(hash), offset_(offset) {}
 
-    SharedBytes operator()() {
+    SharedBytes operator()(std::size_t most) {
         if (done_) return nullptr;
         const auto size = blobs_.size(hash_);
         if (!size) return failed(size.error());
-        const auto part = blobs_.read(hash_, offset_, kChunkBytes);
+        const auto part = blobs_.read(hash_, offset_, std::min(most, kChunkBytes));
         if (!part) return failed(part.error());
         done_ = part->empty() || offset_ + part->size() >= *size;
         if (part->empty()) return nullptr;
@@ -41,10 +34,12 @@ public:
 private:
     SharedBytes failed(const Error& error) {
         done_ = true;
-        return blobError(hash_, error);
+        return sharedFrame(ErrorMessage{
+            std::string(errorName(error.code)), texts_(error).message, false, {}, hash_});
     }
 
     const BlobStore& blobs_;
+    const PublicText& texts_;
     Hash hash_;
     std::uint64_t offset_;
     bool done_ = false;
@@ -52,22 +47,24 @@ private:
 
 }  // namespace
 
-ServedBlobs::ServedBlobs(ProjectStrand& strand, WorkerLanes& workers,
-                         const TransportTable& transports, BlobStore& blobs)
+ServedBlobs::ServedBlobs(ProjectStrand& strand, WorkerShares& workers,
+                         const TransportTable& transports, BlobStore& blobs,
+                         const PublicText& texts)
     : strand_(strand),
       workers_(workers),
-      writer_(asio::make_strand(workers.joins.get_executor())),
+      writer_(workers.joins),
       transports_(transports),
-      blobs_(blobs) {}
+      blobs_(blobs),
+      texts_(texts) {}
 
 void ServedBlobs::removeUnfinished(SessionId session) {
-    asio::post(writer_, [this, session] { blobs_.forget(session); });
+    writer_.post([this, session] { blobs_.forget(session); });
 }
 
 void ServedBlobs::findBlobs(std::vector<Hash> hashes) {
     auto asked = std::make_shared<const std::vector<Hash>>(std::move(hashes));
     strand_.inBackground(
-        workers_.joins, 0, 0,
+        *workers_.joins, 0, 0,
         [this, asked] {
             std::vector<Hash> stored;
             std::ranges::copy_if(*asked, std::back_inserter(stored),
@@ -98,7 +95,7 @@ Result<bool> ServedBlobs::write(SessionId session, const BlobFrame& part) {
 }
 
 void ServedBlobs::sendBlob(SessionId session, const Hash& hash, std::uint64_t offset) {
-    transports_.of(session).sendBeside(session, BlobSource(blobs_, hash, offset));
+    transports_.of(session).sendBeside(session, BlobSource(blobs_, texts_, hash, offset));
 }
 
 }  // namespace usdlive::server

@@ -19,12 +19,12 @@ constexpr milliseconds kProgressPause{500};
 
 }  // namespace
 
-ServedFiles::ServedFiles(ProjectStrand& strand, WorkerLanes& workers, LayerFiles& files,
+ServedFiles::ServedFiles(ProjectStrand& strand, WorkerShares& workers, LayerFiles& files,
                          AssetFiles& assets, const BlobStore& blobs, SharedStore& store, Log& log)
     : strand_(strand),
       workers_(workers),
-      saver_(boost::asio::make_strand(workers.files.get_executor())),
-      uploader_(boost::asio::make_strand(workers.files.get_executor())),
+      saver_(workers.files),
+      uploader_(workers.files),
       files_(files),
       assets_(assets),
       blobs_(blobs),
@@ -33,7 +33,7 @@ ServedFiles::ServedFiles(ProjectStrand& strand, WorkerLanes& workers, LayerFiles
 
 void ServedFiles::importLayer(const LayerId& layer) {
     strand_.inBackground(
-        workers_.files, 0, 0, [this, layer] { return import(layer); },
+        *workers_.files, 0, 0, [this, layer] { return import(layer); },
         [layer](Project& project, Result<LoadedLayer> imported) {
             project.layerLoaded(layer, std::move(imported));
         });
@@ -60,7 +60,7 @@ Result<LoadedLayer> ServedFiles::import(const LayerId& layer) {
 
 void ServedFiles::readLayer(SessionId session, std::uint64_t request, const LayerId& layer) {
     strand_.inBackground(
-        workers_.history, session, Intake::kJobBytes,
+        *workers_.history, session, Intake::kJobBytes,
         [this, layer] {
             return files_.import(layer).map(
                 [](ImportedLayer&& found) { return std::move(found.doc); });
@@ -130,7 +130,7 @@ SaveOutcome ServedFiles::save(SessionId session, std::uint64_t request,
 }
 
 void ServedFiles::setSaved(const LayerId& layer, const SavedState& saved) {
-    boost::asio::post(saver_, [this, layer, saved] {
+    saver_.post([this, layer, saved] {
         const auto set =
             store_.use([&](CommitStore& store) { return store.setSaved(layer, saved); });
         if (!set)
@@ -189,7 +189,7 @@ void ServedFiles::storeFile(SessionId session, std::uint64_t request, UploadJob 
 
 void ServedFiles::listSkipped(SessionId session, std::uint64_t request) {
     strand_.inBackground(
-        workers_.files, session, Intake::kJobBytes, [this] { return files_.skipped(); },
+        *workers_.files, session, Intake::kJobBytes, [this] { return files_.skipped(); },
         [session, request](Project& project, Result<std::vector<SkippedFile>> skipped) {
             project.skippedListed(session, request, std::move(skipped));
         });

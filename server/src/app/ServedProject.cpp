@@ -4,6 +4,7 @@
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/post.hpp>
 #include <boost/asio/steady_timer.hpp>
+#include <ctime>
 #include <set>
 #include <span>
 #include <utility>
@@ -36,9 +37,24 @@ constexpr std::size_t kMoreSessions = 256;
 // acknowledged is lost by that.
 constexpr std::chrono::seconds kStopTime{8};
 
-std::int64_t wallClockMs() {
-    using namespace std::chrono;
-    return duration_cast<milliseconds>(system_clock::now().time_since_epoch()).count();
+class MachineClock final : public ports::Clock {
+public:
+    std::int64_t wallClockMs() override { return milliseconds(CLOCK_REALTIME); }
+    std::int64_t steadyMs() override { return milliseconds(CLOCK_BOOTTIME); }
+
+private:
+    static std::int64_t milliseconds(clockid_t clock) {
+        timespec now{};
+        ::clock_gettime(clock, &now);
+        return std::int64_t(now.tv_sec) * 1'000 + now.tv_nsec / 1'000'000;
+    }
+};
+
+/// Files are named as the folder was named, or by its real path.
+PublicText textsFor(const std::filesystem::path& folder) {
+    std::error_code ignored;
+    return PublicText({std::filesystem::absolute(folder, ignored).lexically_normal().string(),
+                       std::filesystem::weakly_canonical(folder, ignored).string()});
 }
 
 /// Returns the layers that are served: the files, and layers that exist only in the store.
@@ -73,19 +89,22 @@ WebSocketOptions webSocketOptions(const ServerOptions& options) {
     WebSocketOptions transport;
     transport.maxMessageBytes = options.maxFrameMib * kMib + kMessageSlack;
     transport.slowReaderBytes = options.slowReaderMib * kMib;
+    transport.greetTime = std::chrono::seconds(options.guestSeconds);
     return transport;
 }
 
 DdsServerOptions ddsOptions(const std::string& name, const ServerOptions& options, std::string url,
-                            Revision revision) {
+                            StoreId store, Revision revision) {
     DdsServerOptions transport;
     transport.domain = {options.ddsInterface, std::uint32_t(options.ddsDomain), options.ddsConfig,
                         options.ddsSecurity};
     transport.project = name;
     transport.url = std::move(url);
+    transport.store = std::move(store);
     transport.revision = revision;
     transport.maxMessageBytes = options.maxFrameMib * kMib + kMessageSlack;
     transport.maxSessions = options.maxSessions + kMoreSessions;
+    transport.greetTime = std::chrono::seconds(options.guestSeconds);
     transport.slowReaderBytes = options.slowReaderMib * kMib;
     return transport;
 }
@@ -183,9 +202,13 @@ public:
     Result<void> announce(const std::string& url) {
         runningServer_.emplace(folder_, url);
         if (!options_.dds) return {};
-        auto made =
-            createDdsServer(network_, ddsOptions(name_, options_, url, runtime_->durableRevision()),
-                            *runtime_, background_, log_);
+        auto store =
+            store_.use([](CommitStore& opened) -> Result<StoreId> { return opened.identity(); });
+        if (!store) return tl::unexpected(store.error());
+        auto made = createDdsServer(
+            network_,
+            ddsOptions(name_, options_, url, std::move(*store), runtime_->durableRevision()),
+            *runtime_, background_, log_);
         if (!made) return tl::unexpected(made.error());
         dds_ = std::move(*made);
         runtime_->carry(*dds_);
@@ -215,10 +238,12 @@ private:
     explicit Running(const ServedProject& project)
         : name_(project.name_),
           folder_(project.folder_),
+          texts_(project.texts_),
           options_(project.options_),
           log_(*project.log_),
           storeOptions_(storeOptions(options_)),
           store_([this] { return openStore(folder_ / ".usdlive", storeOptions_, wasOpened_); }),
+          workers_(project.workers_),
           storage_(store_, std::chrono::milliseconds(options_.flushIntervalMs), log_) {}
 
     static RocksCommitStoreOptions storeOptions(const ServerOptions& options) {
@@ -234,6 +259,7 @@ private:
         BlobStoreOptions blobOptions;
         if (options_.minFreeMib) blobOptions.minFreeBytes = *options_.minFreeMib * kMib;
         blobOptions.maxBytes = options_.maxBlobMib * kMib;
+        blobOptions.keepLeft = std::chrono::minutes(options_.keepUnusedBlobsMinutes);
         auto blobs = createFileBlobStore(folder_ / ".usdlive" / "blobs", blobOptions);
         if (!blobs) return tl::unexpected(blobs.error());
         blobs_ = std::move(*blobs);
@@ -242,14 +268,14 @@ private:
         files_ = std::move(*files);
 
         assetFiles_ = std::make_unique<AssetFiles>(files_->folder());
-        assets_ =
-            std::make_unique<ServedAssets>(name_, *assetFiles_, *files_, store_, workers_, log_);
+        assets_ = std::make_unique<ServedAssets>(name_, *assetFiles_, *files_, store_, workers_,
+                                                 texts_, log_);
 
         const auto list = [this] { return servedLayers(*files_, store_); };
         runtime_ = std::make_unique<ProjectRuntime>(
             network_, workers_, store_, storage_, *blobs_,
-            ProjectFiles{std::filesystem::canonical(folder_), list, *files_, *assetFiles_},
-            std::chrono::minutes(options_.keepUnusedBlobsMinutes), metrics_, wallClockMs, log_);
+            ProjectFiles{std::filesystem::canonical(folder_), list, *files_, *assetFiles_, texts_},
+            std::chrono::minutes(options_.keepUnusedBlobsMinutes), metrics_, clock_, log_);
         if (auto made = runtime_->start(setup()); !made) return made;
         webSockets_ = createWebSocketTransport(network_, webSocketOptions(options_), *runtime_,
                                                background_, log_);
@@ -259,7 +285,8 @@ private:
     }
 
     ProjectSetup setup() {
-        const Project::Options project = projectOptions(name_, options_);
+        Project::Options project = projectOptions(name_, options_);
+        project.texts = texts_;
         const auto read = [this, project]() -> Result<ProjectBeginning> {
             auto served = servedLayers(*files_, store_);
             if (!served) return tl::unexpected(served.error());
@@ -273,6 +300,7 @@ private:
 
     const std::string name_;
     const std::filesystem::path folder_;
+    const PublicText& texts_;
     const ServerOptions& options_;
     Log& log_;
 
@@ -286,13 +314,14 @@ private:
     // Run by the project's thread.
     asio::io_context network_{1};
     asio::steady_timer stopTimer_{network_};
-    WorkerLanes workers_;
+    WorkerShares workers_;
     const Background background_ = [this](std::function<void()> job) {
-        asio::post(workers_.joins, std::move(job));
+        workers_.joins->post(std::move(job));
     };
     StorageThread storage_;
     Metrics metrics_;
     std::unique_ptr<ServedAssets> assets_;
+    MachineClock clock_;
     std::unique_ptr<ProjectRuntime> runtime_;
     std::shared_ptr<WebSocketTransport> webSockets_;
     std::unique_ptr<Transport> dds_;
@@ -301,18 +330,50 @@ private:
 };
 
 ServedProject::ServedProject(std::string name, std::filesystem::path folder,
-                             const ServerOptions& options, std::unique_ptr<Log> log,
-                             std::function<void()> changed)
+                             const ServerOptions& options, Workers& workers,
+                             std::unique_ptr<Log> log, std::function<void()> changed)
     : name_(std::move(name)),
       folder_(std::move(folder)),
+      texts_(textsFor(folder_)),
       options_(options),
+      workers_(workers),
       log_(std::move(log)),
-      changed_(std::move(changed)),
-      thread_([this] { run(); }) {}
+      changed_(std::move(changed)) {}
 
 ServedProject::~ServedProject() {
     stop();
-    thread_.join();
+    if (thread_.joinable()) thread_.join();
+}
+
+void ServedProject::start() {
+    {
+        const std::lock_guard lock(mutex_);
+        const bool hasThread = thread_.joinable() && !lacksThreads_;
+        if (stopping_ || hasThread) return;
+        lacksThreads_ = false;
+    }
+    if (thread_.joinable()) thread_.join();
+    try {
+        thread_ = startThread(name_, [this] { run(); });
+    } catch (const ThreadRefused& why) {
+        refused(why);
+    }
+}
+
+bool ServedProject::lacksThreads() const {
+    const std::lock_guard lock(mutex_);
+    return lacksThreads_;
+}
+
+void ServedProject::refused(const ThreadRefused& why) {
+    {
+        const std::lock_guard lock(mutex_);
+        lacksThreads_ = !stopping_;
+        status_ = stopping_
+                      ? Status{State::Stopped}
+                      : Status{State::Failed, Error{ErrorCode::InvalidConfiguration, why.what()}};
+    }
+    changed_();
 }
 
 ServedProject::Status ServedProject::status() const {
@@ -333,6 +394,8 @@ void ServedProject::run() {
         Result<std::unique_ptr<Running>> running = fail(ErrorCode::Internal, "not opened");
         try {
             running = Running::open(*this);
+        } catch (const ThreadRefused& why) {
+            return refused(why);  // leaves its thread to others
         } catch (const std::exception& fault) {
             running = fail(ErrorCode::Internal, fault.what());
         }
@@ -405,7 +468,7 @@ void ServedProject::report(std::function<void(Report)> done) {
     });
     if (isPosted) return;
     const Status now = status();
-    if (now.state == State::Failed) return done({"failed", now.error->message});
+    if (now.state == State::Failed) return done({"failed", texts_(*now.error).message});
     done({now.state == State::Opening ? "opening" : "stopping"});
 }
 
@@ -417,11 +480,15 @@ void ServedProject::answerFile(FileRequest request, HttpAnswer answer) {
 }
 
 void ServedProject::stop() {
+    bool hasThread = false;
     {
         const std::lock_guard lock(mutex_);
         if (std::exchange(stopping_, true)) return;
+        hasThread = thread_.joinable() && !std::exchange(lacksThreads_, false);
+        if (!hasThread) status_ = {State::Stopped};
     }
     stop_.notify_all();
+    if (!hasThread) return changed_();
     post([](Running& running) { running.stop(); });
 }
 

@@ -65,15 +65,16 @@ void SessionOutbox::closeAll(const Error& why) {
 
 void SessionOutbox::sendSnapshot(SessionId session, std::uint64_t request, LayerDoc doc) {
     auto encoder = std::make_shared<SnapshotEncoder>(std::move(doc), request);
-    transports_.of(session).sendBeside(session, [encoder]() -> SharedBytes {
-        const auto frame = encoder->next();
+    transports_.of(session).sendBeside(session, [encoder](std::size_t most) -> SharedBytes {
+        const auto frame = encoder->next(most);
         return frame ? sharedFrame(*frame) : nullptr;
     });
 }
 
 void SessionOutbox::sendBeside(SessionId session, std::vector<SharedBytes> frames) {
     transports_.of(session).sendBeside(
-        session, [frames = std::move(frames), next = std::size_t(0)]() mutable -> SharedBytes {
+        session,
+        [frames = std::move(frames), next = std::size_t(0)](std::size_t) mutable -> SharedBytes {
             return next < frames.size() ? frames[next++] : nullptr;
         });
 }

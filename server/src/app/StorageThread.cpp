@@ -3,6 +3,7 @@
 
 #include <utility>
 
+#include "usdlive/common/core/Thread.h"
 #include "usdlive/server/app/Faults.h"
 
 namespace usdlive::server {
@@ -19,7 +20,7 @@ constexpr std::size_t kFullGroup = 1024 * 1024;
 
 void StorageThread::start(Events events) {
     events_ = std::move(events);
-    thread_ = std::thread([this] { run(); });
+    thread_ = startThread("storage", [this] { run(); });
 }
 
 void StorageThread::stop() {

@@ -1,10 +1,6 @@
 // Connects a project with its store, the storage thread and workers.
 #include "usdlive/server/app/StoreHistory.h"
 
-#include <sys/resource.h>
-#include <unistd.h>
-
-#include <boost/asio/post.hpp>
 #include <chrono>
 #include <utility>
 
@@ -13,39 +9,29 @@
 
 namespace usdlive::server {
 
-namespace asio = boost::asio;
-
 namespace {
 
 using std::chrono::milliseconds;
 using std::chrono::steady_clock;
 
-constexpr int kKeeperNice = 10;
 // A session gets at most this many bytes of old commits in one read. The rest is requested later.
 constexpr std::size_t kReadBytes = 16 * 1024 * 1024;
 
 }  // namespace
 
-StoreHistory::StoreHistory(ProjectStrand& strand, Intake& intake, WorkerLanes& workers,
+StoreHistory::StoreHistory(ProjectStrand& strand, Intake& intake, WorkerShares& workers,
                            SharedStore& store, StorageThread& storage,
                            std::filesystem::path blobFolder, Log& log)
     : strand_(strand),
       intake_(intake),
       workers_(workers),
-      checkpoints_(asio::make_strand(workers.history.get_executor())),
-      snapshotWriter_(asio::make_strand(workers.history.get_executor())),
+      checkpoints_(workers.history),
+      snapshotWriter_(workers.history),
+      keeper_(workers.keeper),
       store_(store),
       storage_(storage),
       blobFolder_(std::move(blobFolder)),
-      log_(log) {
-    // Runs with low priority.
-    asio::post(keeper_, [] { ::setpriority(PRIO_PROCESS, id_t(::gettid()), kKeeperNice); });
-}
-
-StoreHistory::~StoreHistory() {
-    stop();
-    keeper_.join();
-}
+      log_(log) {}
 
 void StoreHistory::appended(Revision upTo) {
     while (!appending_.empty() && appending_.begin()->first <= upTo)
@@ -84,7 +70,7 @@ void StoreHistory::keepSnapshot(const LayerId& layer, LayerDoc doc, Revision rev
 
 void StoreHistory::loadLayer(const LayerId& layer) {
     strand_.inBackground(
-        workers_.joins, 0, 0, [this, layer] { return loadStored(layer); },
+        *workers_.joins, 0, 0, [this, layer] { return loadStored(layer); },
         [layer](Project& project, Result<std::optional<LoadedLayer>> stored) {
             if (!stored) return project.layerLoaded(layer, tl::unexpected(stored.error()));
             if (*stored) return project.layerLoaded(layer, std::move(**stored));
@@ -104,7 +90,7 @@ Result<std::optional<LoadedLayer>> StoreHistory::loadStored(const LayerId& layer
 
 void StoreHistory::readCommits(SessionId session, Revision from, Revision to) {
     strand_.inBackground(
-        workers_.joins, session, Intake::kJobBytes,
+        *workers_.joins, session, Intake::kJobBytes,
         [this, from, to] {
             return store_.use([&](CommitStore& store) -> Result<std::vector<StoredCommit>> {
                 std::vector<StoredCommit> commits;
@@ -126,7 +112,7 @@ void StoreHistory::readCommits(SessionId session, Revision from, Revision to) {
 void StoreHistory::readHistory(SessionId session, std::uint64_t request, const LayerId& layer,
                                Revision revision) {
     strand_.inBackground(
-        workers_.history, session, Intake::kJobBytes,
+        *workers_.history, session, Intake::kJobBytes,
         [this, layer, revision] {
             return store_.use([&](CommitStore& store) { return store.layerAt(layer, revision); });
         },
@@ -140,7 +126,7 @@ void StoreHistory::readHistory(SessionId session, std::uint64_t request, const L
 
 void StoreHistory::readClient(const ClientId& client) {
     strand_.inBackground(
-        workers_.joins, 0, 0,
+        *workers_.joins, 0, 0,
         [this, client] {
             return store_.use([&](CommitStore& store) { return store.clientRecord(client); });
         },

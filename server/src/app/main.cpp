@@ -1,6 +1,7 @@
 // usdlive-server: builds the server from its parts.
 
 #include <signal.h>
+#include <sys/resource.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -10,11 +11,14 @@
 #include <fstream>
 #include <iostream>
 
+#include "usdlive/common/core/StandardDescriptors.h"
 #include "usdlive/common/dds/Domain.h"
 #include "usdlive/server/app/Options.h"
 #include "usdlive/server/app/Projects.h"
 #include "usdlive/server/app/RunningServer.h"
 #include "usdlive/server/app/SpdLog.h"
+#include "usdlive/server/app/Workers.h"
+#include "usdlive/server/storage/RocksCommitStore.h"
 #include "usdlive/server/transport/HttpServer.h"
 
 // jemalloc reads this. Freed memory is returned to the system within a second, also while the
@@ -32,9 +36,6 @@ using namespace usdlive::server;
 namespace asio = boost::asio;
 
 constexpr int kStartError = 1;
-// Connections besides sessions: HTTP requests, and sessions that receive the error that there are
-// too many.
-constexpr std::size_t kMoreConnections = 256;
 // A stop that takes longer, because a file system does not respond, is aborted. Nothing
 // acknowledged is lost by that.
 constexpr unsigned kStopSeconds = 10;
@@ -52,11 +53,33 @@ Result<void> writePortFile(const std::filesystem::path& path, std::uint16_t port
     return {};
 }
 
+/// Lets the process open as many files and connections as the system allows it.
+void raiseLimitOfDescriptors() {
+    rlimit limit{};
+    if (::getrlimit(RLIMIT_NOFILE, &limit) != 0) return;
+    limit.rlim_cur = limit.rlim_max;
+    (void)::setrlimit(RLIMIT_NOFILE, &limit);
+}
+
+/// Returns the names under which the server answers (HO1).
+HostNames hostNames(const ServerOptions& options) {
+    const auto host = hostOf(options.host);
+    const bool isLoopbackOnly =
+        host && (*host == "localhost" || *host == "::1" || host->starts_with("127."));
+    std::vector<std::string> names = namesOfThisMachine(isLoopbackOnly);
+    names.push_back(options.host);
+    names.insert(names.end(), options.allowedHosts.begin(), options.allowedHosts.end());
+    return HostNames(names);
+}
+
 HttpServerOptions httpOptions(const ServerOptions& options) {
     HttpServerOptions http;
     http.host = options.host;
     http.port = options.port;
-    http.maxConnections = options.maxSessions + kMoreConnections;
+    http.seats.members = options.maxSessions;
+    http.seats.guests = options.maxGuests;
+    http.headerTime = std::chrono::seconds(options.guestSeconds);
+    http.hosts = hostNames(options);
     http.allowedOrigins = options.allowedOrigins;
     return http;
 }
@@ -113,8 +136,9 @@ public:
     explicit Server(const ServerOptions& options)
         : options_(options),
           log_(createSpdLog(options.logLevel, options.logFormat)),
+          workers_(*log_),
           projects_(
-              io_, options,
+              io_, options, workers_,
               [&](const std::string& project) {
                   return createSpdLog(options.logLevel, options.logFormat, project);
               },
@@ -187,6 +211,7 @@ private:
 
     const ServerOptions& options_;
     const std::unique_ptr<Log> log_;
+    Workers workers_;
     asio::io_context io_{1};
     // Keeps io_ running, because stopping projects call back from their threads.
     const asio::executor_work_guard<asio::io_context::executor_type> work_{io_.get_executor()};
@@ -200,13 +225,18 @@ private:
 }  // namespace
 
 int main(int argc, char** argv) {
+    reserveStandardDescriptors();
     ::signal(SIGPIPE, SIG_IGN);
+    ::signal(SIGXFSZ, SIG_IGN);  // a file that may not grow is an error, as on a full disk
+    raiseLimitOfDescriptors();
     const auto options = parseOptions(argc, argv);
     if (const int* code = std::get_if<int>(&options)) return *code;
     try {
+        const auto storeThreads = startStoreThreads();
         return Server(std::get<ServerOptions>(options)).run();
     } catch (const std::exception& fault) {
-        std::cerr << "usdlive-server: " << fault.what() << '\n';
+        // One write, so that a line of another thread does not divide it.
+        std::cerr << "usdlive-server: " + std::string(fault.what()) + "\n";
         return kStartError;
     }
 }

@@ -42,7 +42,8 @@ tl::unexpected<AssetRefusal> refuse(Reason reason, const std::string& path,
 }
 
 tl::unexpected<AssetRefusal> cannotRead(const std::string& path) {
-    const bool isMissing = errno == ENOENT || errno == ENOTDIR || errno == ELOOP;
+    const bool isMissing =
+        errno == ENOENT || errno == ENOTDIR || errno == ELOOP || errno == ENAMETOOLONG;
     if (isMissing) return refuse(Reason::NotFound, path, "does not exist in the project");
     return refuse(Reason::Unreadable, path, std::string("cannot be read: ") + std::strerror(errno));
 }

@@ -35,9 +35,11 @@ tl::unexpected<Error> invalid(const std::string& path, const std::string& why) {
     return fail(ErrorCode::InvalidFileName, inQuotes(path) + " " + why);
 }
 
+/// Returns true if the disk is full, or a limit of the user's or of the process is reached.
+bool isFull(int error) { return error == ENOSPC || error == EDQUOT || error == EFBIG; }
+
 tl::unexpected<Error> notWritten(const std::string& what) {
-    const bool isFull = errno == ENOSPC || errno == EDQUOT;
-    return fail(isFull ? ErrorCode::StorageFull : ErrorCode::SaveFailed,
+    return fail(isFull(errno) ? ErrorCode::StorageFull : ErrorCode::SaveFailed,
                 what + ": " + std::strerror(errno));
 }
 
@@ -116,7 +118,7 @@ public:
     Result<void> write(const AssetContents& contents, mode_t mode) {
         // Finds out about a full disk before the content is copied.
         if (contents.size > 0 && ::fallocate(file_.get(), 0, 0, off_t(contents.size)) != 0 &&
-            (errno == ENOSPC || errno == EDQUOT || errno == EFBIG))
+            isFull(errno))
             return notWritten("there is no space for it on the disk of the project's folder");
         for (std::uint64_t at = 0; at < contents.size;) {
             const auto part = contents.read(

@@ -38,17 +38,20 @@ tl::unexpected<Error> unreadable(const std::filesystem::path& path, const std::s
     return fail(ErrorCode::LayerUnreadable, path.filename().string() + " cannot be read: " + why);
 }
 
-/// Returns nothing if the file was written meanwhile.
+/// Returns nothing if the file was written meanwhile. Reads no more than its size: a device, or a
+/// file that grows, may have no end.
 Result<std::optional<FileStamp>> attempt(const std::filesystem::path& path, int file) {
     struct stat before{}, after{};
     if (::fstat(file, &before) != 0) return unreadable(path, std::strerror(errno));
+    if (!S_ISREG(before.st_mode)) return unreadable(path, "it is not a regular file");
     Sha256 sha;
     static thread_local std::array<std::uint8_t, 1 << 16> part;
-    for (;;) {
+    for (std::int64_t left = before.st_size; left >= 0;) {
         const ssize_t count = ::read(file, part.data(), part.size());
         if (count < 0 && errno == EINTR) continue;
         if (count < 0) return unreadable(path, std::strerror(errno));
         if (count == 0) break;
+        left -= count;
         sha.add(ByteView(part.data(), std::size_t(count)));
     }
     // The path may name another file by now.

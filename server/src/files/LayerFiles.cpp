@@ -21,6 +21,7 @@
 #include "SafeFile.h"
 #include "usdlive/common/core/Descriptor.h"
 #include "usdlive/common/core/Utf8.h"
+#include "usdlive/common/protocol/ServerControl.h"
 #include "usdlive/common/usd/LayerFill.h"
 #include "usdlive/common/usd/SdfLayerStore.h"
 #include "usdlive/common/usd/TextDepth.h"
@@ -85,6 +86,19 @@ Result<void> forEachFile(const fs::path& folder, const auto& visit) {
                 "the folder " + folder.string() + " cannot be listed: " + problem.message());
 }
 
+// FI5: bounds the list of layers that clients are sent.
+class LayerLimit {
+public:
+    bool admits(const std::string& name) {
+        ++count_;
+        bytes_ += name.size();
+        return count_ <= kMaxLayers && bytes_ <= kMaxLayerNameBytes;
+    }
+
+private:
+    std::size_t count_ = 0, bytes_ = 0;
+};
+
 class SdfLayerFiles final : public LayerFiles {
 public:
     SdfLayerFiles(fs::path folder, BlobStore& blobs) : folder_(std::move(folder)), blobs_(blobs) {}
@@ -93,9 +107,10 @@ public:
 
     Result<std::vector<LayerFile>> list() const override {
         std::vector<LayerFile> layers;
+        LayerLimit limit;
         const FolderVisitor visitor{[&](const std::string& name, const fs::path& real) {
                                         auto layer = parseLayerId(name);
-                                        if (!layer) return;
+                                        if (!layer || !limit.admits(name)) return;
                                         if (auto file = lookAt(real, *std::move(layer)))
                                             layers.push_back(*std::move(file));
                                     },
@@ -108,11 +123,16 @@ public:
 
     Result<std::vector<SkippedFile>> skipped() const override {
         std::vector<SkippedFile> skipped;
+        LayerLimit limit;
         const FolderVisitor visitor{
             [&](const std::string& name, const fs::path&) {
                 if (!looksLikeLayer(name)) return;
                 if (const auto layer = parseLayerId(name); !layer)
                     skipped.push_back({shownName(name), whyNoLayer(name, layer.error())});
+                else if (!limit.admits(name))
+                    skipped.push_back({shownName(name),
+                                       "the project has too many layers: serve "
+                                       "a part of the folder"});
             },
             [&](const std::string& name, const std::string& reason) {
                 // A link to a texture outside is not a layer.
@@ -221,12 +241,15 @@ public:
         std::string name = (fs::temp_directory_path() / "usdlive-XXXXXX.usdc").string();
         const Descriptor file(::mkostemps(name.data(), int(std::strlen(".usdc")), O_CLOEXEC));
         if (!file)
-            return fail(ErrorCode::SaveFailed, "no temporary file can be created in " +
-                                                   fs::temp_directory_path().string() + ": " +
-                                                   std::strerror(errno));
+            return fail(ErrorCode::SaveFailed,
+                        std::string("no temporary file can be created: ") + std::strerror(errno));
         auto written = exportWhole(name, doc, "usdc").and_then([&] { return readFile(name); });
         ::unlink(name.c_str());
-        return written;
+        if (written) return written;
+        std::string why = written.error().message;  // names the temporary file (FR12)
+        for (std::size_t at; (at = why.find(name)) != std::string::npos;)
+            why.replace(at, name.size(), layer.value);
+        return fail(written.error().code, std::move(why));
     }
 
 private:
@@ -334,7 +357,9 @@ private:
         if (auto done = exportWhole(file, doc, format); !done) return tl::unexpected(done.error());
         startWritingBack(file);  // while it is checked
         // Both hash the whole content, which takes most of the time, so they run in parallel.
-        auto stamp = std::async(std::launch::async, [&file] { return stampOf(file); });
+        // If the system refuses a thread, get() hashes it.
+        constexpr auto kHow = std::launch::async | std::launch::deferred;
+        auto stamp = std::async(kHow, [&file] { return stampOf(file); });
         if (auto same = compare(file, doc); !same) return tl::unexpected(same.error());
         return stamp.get();
     }

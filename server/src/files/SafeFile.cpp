@@ -63,6 +63,8 @@ Result<SafeFile> SafeFile::create(const fs::path& target, std::string_view prefi
                                   std::string_view extension) {
     struct stat present{};
     const bool exists = ::stat(target.c_str(), &present) == 0;
+    if (exists && !S_ISREG(present.st_mode))
+        return fail(ErrorCode::SaveFailed, "something else than a file has its name: remove it");
     if (exists && !isWritable(target, present.st_mode)) {
         errno = EACCES;
         return failedTo("is not writable");

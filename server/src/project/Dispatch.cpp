@@ -1,4 +1,5 @@
 // Passes the messages of sessions to the parts that handle them.
+#include <algorithm>
 #include <utility>
 
 #include "ProjectImpl.h"
@@ -6,13 +7,23 @@
 
 namespace usdlive::server {
 
-void Project::Impl::connected(SessionId id) {
-    Session& session = sessions_.add(id);
-    if (sessions_.size() > options_.maxSessions)
-        sessions_.close(session, {ErrorCode::TooManySessions,
-                                  "the project has " + std::to_string(options_.maxSessions) +
-                                      " sessions, which is the limit"});
+namespace {
+
+// FR20: parsing a larger one would delay the other sessions.
+constexpr std::size_t kMostControlBytes = 4 * 1024 * 1024;
+constexpr std::size_t kMostControlValues = 131'072;
+
+bool isTooLarge(const std::string& json) {
+    if (json.size() > kMostControlBytes) return true;
+    std::size_t values = 0;  // at most; also counts these characters in texts
+    for (const char character : json)
+        values += character == ',' || character == '[' || character == '{';
+    return values > kMostControlValues;
 }
+
+}  // namespace
+
+void Project::Impl::connected(SessionId id) { sessions_.add(id); }
 
 void Project::Impl::disconnected(SessionId id) {
     const Session* session = sessions_.find(id);
@@ -33,6 +44,7 @@ void Project::Impl::receiveFrame(SessionId id, ByteView bytes) {
     Session* found = sessions_.find(id);
     if (!found || found->isClosing() || greeting_.hold(*found, bytes)) return;
     Session& session = *found;
+    if (isCompact(bytes)) return receiveCompact(session, bytes);
     auto frame = decodeFrame(bytes);
     if (!frame) return sessions_.close(session, frame.error());
     const auto* control = std::get_if<ControlFrame>(&*frame);
@@ -55,7 +67,37 @@ void Project::Impl::receiveFrame(SessionId id, ByteView bytes) {
                *frame);
 }
 
+/// FR20.
+void Project::Impl::receiveCompact(Session& session, ByteView bytes) {
+    if (!session.features.contains(kCompactFeature))
+        return sessions_.close(session, {ErrorCode::UnknownFrame,
+                                         "a compact frame in a session without this feature"});
+    auto content = session.compact.read(bytes);
+    if (!content) return sessions_.close(session, content.error());
+    std::visit(Overloaded{
+                   [](std::monostate) {},
+                   [&](SubmitFrame& submitted) {
+                       submitted.transaction.id.client = session.client;
+                       const std::uint64_t size = leastFrameBytes(submitted.transaction.edits);
+                       submissions_.receive(session, std::move(submitted),
+                                            std::max<std::uint64_t>(bytes.size(), size));
+                   },
+                   [&](PreviewFrame& preview) {
+                       gestures_.receive(session, std::move(preview), bytes.size());
+                   },
+                   [&](auto&) {
+                       sessions_.close(session, {ErrorCode::UnknownFrame,
+                                                 "a frame of a kind that only the server sends"});
+                   },
+               },
+               *content);
+}
+
 void Project::Impl::receiveControl(Session& session, const std::string& json) {
+    if (isTooLarge(json))
+        return sessions_.close(session, {ErrorCode::MalformedControl,
+                                         "a control message of a client has at most 4 MiB and "
+                                         "131,072 values"});
     const auto message = decodeControl(json);
     if (!message) return sessions_.close(session, message.error());
     const auto* hello = std::get_if<Hello>(&*message);

@@ -1,9 +1,11 @@
 // Implements Project: passes each call to the part that handles it.
 #include "usdlive/server/project/Project.h"
 
+#include <span>
+
 #include "ProjectImpl.h"
-#include "usdlive/common/core/Overloaded.h"
-#include "usdlive/server/project/SharedFrame.h"
+#include "usdlive/common/core/ByteStream.h"
+#include "usdlive/common/protocol/ServerControl.h"
 
 namespace usdlive::server {
 
@@ -13,22 +15,54 @@ Result<StoreState> readState(const CommitStore& store, const Project::Options& o
     state.base = store.base();
     state.forgottenUpTo = store.forgottenUpTo();
     state.hasSpace = store.hasSpace();
+    state.identity = store.identity();
     auto changes = store.namespaceChanges(Project::firstNamespaceRevision(options, state.head));
     if (!changes) return tl::unexpected(changes.error());
     auto unsaved = store.unsavedLayers();
     if (!unsaved) return tl::unexpected(unsaved.error());
+    if (state.head.revision > state.base.revision) {
+        const auto time = timeOf(store, state.head.revision);
+        if (!time) return tl::unexpected(time.error());
+        state.headTimeMs = *time;
+    }
     state.namespaceChanges = std::move(*changes);
     state.unsaved = std::move(*unsaved);
     return state;
 }
 
+namespace {
+
+/// Encodes messages with parts of a list, each of about kUpdateBytes. `make` makes a message of
+/// some elements.
+template <class Element, class Make>
+void appendUpdates(Bytes& frames, std::span<const Element> list, const Make& make) {
+    std::size_t count = std::min<std::size_t>(list.size(), 1'000);
+    for (; !list.empty(); list = list.subspan(count)) {
+        count = std::min(count, list.size());
+        std::string json = encodeControl(make(list.first(count)));
+        // A message with fewer elements follows if this one has become too large.
+        for (; json.size() > kUpdateBytes && count > 1;
+             json = encodeControl(make(list.first(count))))
+            count /= 2;
+        appendBytes(frames, encodeFrame(ControlFrame{std::move(json)}));
+    }
+}
+
+}  // namespace
+
 SharedBytes encodeStateUpdate(const StateUpdate& update) {
-    const auto isEmpty = Overloaded{
-        [](const LayerStates& states) { return states.layers.empty(); },
-        [](const Presences& people) { return people.shown.empty() && people.gone.empty(); }};
-    if (std::visit(isEmpty, update)) return nullptr;
-    return std::visit([](const auto& message) { return sharedFrame(ControlMessage(message)); },
-                      update);
+    Bytes frames;
+    if (const auto* states = std::get_if<LayerStates>(&update)) {
+        appendUpdates(frames, std::span(states->layers),
+                      [](auto some) { return LayerStates{{some.begin(), some.end()}}; });
+    } else {
+        const auto& people = std::get<Presences>(update);
+        appendUpdates(frames, std::span(people.shown),
+                      [](auto some) { return Presences{{some.begin(), some.end()}, {}}; });
+        appendUpdates(frames, std::span(people.gone),
+                      [](auto some) { return Presences{{}, {some.begin(), some.end()}}; });
+    }
+    return frames.empty() ? nullptr : std::make_shared<const Bytes>(std::move(frames));
 }
 
 Project::Project(Options options, Ports ports, StoreState store,
@@ -148,7 +182,7 @@ std::vector<Hash> Project::unusedBlobs(const std::vector<Hash>& unnamed, Revisio
 }
 Revision Project::durableRevision() const { return impl_->line_.durable(); }
 const ProjectCounters& Project::counters() const { return impl_->counters_; }
-std::size_t Project::sessionCount() const { return impl_->sessions_.size(); }
+std::size_t Project::sessionCount() const { return impl_->sessions_.clients(); }
 const LayerDoc* Project::layer(const LayerId& layer) const { return impl_->line_.doc(layer); }
 
 }  // namespace usdlive::server

@@ -50,16 +50,19 @@ public:
 private:
     friend class Project;
 
+    void receiveCompact(Session& session, ByteView frame);
     void receiveControl(Session& session, const std::string& json);
     void receive(Session& session, const ControlMessage& message);
     void connectListeners();
 
     Options options_;
+    StoreId identity_;
     Wire<ports::Activity> activity_;
     ProjectCounters counters_;
 
     StoreCondition store_;
     HistoryStart start_;
+    TimeOfDay time_;
     HistoryLine line_;
     SessionTable sessions_;
     PresenceBoard presences_;

@@ -1,9 +1,11 @@
 // Checks and errors that all stores of big values share.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <string>
 
+#include "usdlive/common/core/Bytes.h"
 #include "usdlive/common/core/Hash.h"
 #include "usdlive/common/core/Result.h"
 
@@ -30,6 +32,15 @@ namespace usdlive::server {
     if (bytes > size - offset)
         return blobError(ErrorCode::BlobMismatch, hash, "has more bytes than announced");
     return {};
+}
+
+/// Removes the beginning of a part that is among the `written` bytes already, because a client that
+/// lost its connection sends again what perhaps did not arrive. Returns the offset of the rest.
+[[nodiscard]] inline std::uint64_t skipWritten(std::uint64_t written, std::uint64_t offset,
+                                               ByteView& part) {
+    if (offset >= written) return offset;
+    part = part.subspan(std::min<std::uint64_t>(written - offset, part.size()));
+    return written;
 }
 
 }  // namespace usdlive::server

@@ -5,6 +5,8 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <chrono>
+#include <functional>
 #include <map>
 #include <mutex>
 #include <unordered_set>
@@ -21,6 +23,8 @@ namespace usdlive::server {
 namespace {
 
 namespace fs = std::filesystem;
+
+constexpr std::uint64_t kPlentyBytes = std::uint64_t(4) << 30;
 
 /// A value that is being written. Deletes its file unless keep() was called.
 class Unfinished {
@@ -92,11 +96,17 @@ public:
     Result<Purged> purge(std::size_t most) override;
 
 private:
+    using Clock = std::chrono::steady_clock;
     using Upload = std::pair<Hash, std::uint64_t>;  // and its writer
     struct Entry {
         Unfinished value;
-        std::uint64_t turn;  // number of its last part
+        std::uint64_t turn;                                 // number of its last part
+        Clock::time_point left = Clock::time_point::max();  // when its writer left
     };
+    using Entries = std::map<Upload, Entry>;
+    static bool isLeft(const Entries::value_type& entry) {
+        return entry.second.left != Clock::time_point::max();
+    }
 
     [[nodiscard]] fs::path unfinished() const { return folder_ / "unfinished"; }
     [[nodiscard]] fs::path name(const Hash& hash) const {
@@ -108,6 +118,12 @@ private:
         return dropped_.contains(hash);
     }
     [[nodiscard]] Result<void> checkSpace(std::uint64_t bytes) const;
+    [[nodiscard]] bool hasPlenty() const;
+    [[nodiscard]] Result<void> makeSpace(std::uint64_t bytes);
+    Entries takeIf(const std::function<bool(const Entries::value_type&)>& condition);
+    Entries::iterator oldest(bool left);
+    Entries::iterator leftOf(const Hash& hash);
+    void boundLeft();
     [[nodiscard]] Result<Descriptor> openValue(const Hash& hash) const;
     Result<Unfinished> take(const Upload& upload, std::uint64_t offset);
     void putBack(const Upload& upload, Unfinished value);
@@ -119,7 +135,7 @@ private:
     // Guards the next three members. Not held while a file is written or removed, except when a
     // file replaces or removes a dropped value, so that the two do not interfere.
     mutable std::mutex mutex_;
-    std::map<Upload, Entry> unfinished_;
+    Entries unfinished_;
     std::uint64_t turn_ = 0;
     std::unordered_set<Hash> dropped_;
 };
@@ -128,6 +144,21 @@ Result<void> FileBlobStore::checkSpace(std::uint64_t bytes) const {
     const DiskSpace disk = diskSpace(folder_);
     if (disk.free >= minFree(options_.minFreeBytes, disk) + bytes) return {};
     return fail(ErrorCode::StorageFull, "the disk of " + folder_.string() + " is full");
+}
+
+/// Returns whether so much is free that the store of commits, which needs more than checkSpace()
+/// does, is not full either.
+bool FileBlobStore::hasPlenty() const {
+    const DiskSpace disk = diskSpace(folder_);
+    return disk.free >=
+           2 * minFree(options_.minFreeBytes, disk) + std::min(disk.total / 10, kPlentyBytes);
+}
+
+/// Removes what perhaps nobody continues, if there is no space otherwise.
+Result<void> FileBlobStore::makeSpace(std::uint64_t bytes) {
+    if (checkSpace(bytes)) return {};
+    takeIf(isLeft);
+    return checkSpace(bytes);
 }
 
 Result<Descriptor> FileBlobStore::openValue(const Hash& hash) const {
@@ -165,9 +196,10 @@ Result<bool> FileBlobStore::write(const Hash& hash, std::uint64_t size, std::uin
     }
     auto value = take(upload, offset);
     if (!value) return tl::unexpected(value.error());
+    offset = skipWritten(value->written(), offset, part);
     const auto added =
         checkPart(hash, size, value->written(), offset, part.size(), options_.maxBytes)
-            .and_then([&] { return checkSpace(part.size()); })
+            .and_then([&] { return makeSpace(part.size()); })
             .and_then([&] { return value->add(part); });
     if (!added) return tl::unexpected(added.error());
     if (value->written() < size) {
@@ -183,6 +215,9 @@ Result<Unfinished> FileBlobStore::take(const Upload& upload, std::uint64_t offse
     {
         const std::lock_guard lock(mutex_);
         auto entry = unfinished_.extract(upload);
+        if (entry.empty() && offset > 0)
+            if (const auto left = leftOf(hash); left != unfinished_.end())
+                entry = unfinished_.extract(left);
         if (!entry.empty() && offset > 0) return std::move(entry.mapped().value);
     }
     if (offset > 0)
@@ -194,9 +229,8 @@ void FileBlobStore::putBack(const Upload& upload, Unfinished value) {
     const std::lock_guard lock(mutex_);
     unfinished_.emplace(upload, Entry{std::move(value), ++turn_});
     if (unfinished_.size() <= options_.maxUnfinished) return;
-    unfinished_.erase(std::min_element(
-        unfinished_.begin(), unfinished_.end(),
-        [](const auto& a, const auto& b) { return a.second.turn < b.second.turn; }));
+    const auto left = oldest(true);
+    unfinished_.erase(left != unfinished_.end() ? left : oldest(false));
 }
 
 Result<void> FileBlobStore::keep(const Hash& hash, Unfinished& value) {
@@ -214,14 +248,65 @@ Result<void> FileBlobStore::keep(const Hash& hash, Unfinished& value) {
         .and_then([&] { return syncFolder(path.parent_path()); });
 }
 
+/// TL2: keeps what has arrived, in bounds. Nothing keeps a full disk full.
 void FileBlobStore::forget(std::uint64_t writer) {
-    std::map<Upload, Entry> gone;  // removed after the lock is released
+    const Clock::time_point now = Clock::now();
+    {
+        const std::lock_guard lock(mutex_);
+        for (auto& entry : unfinished_)
+            if (entry.first.second == writer && !isLeft(entry)) entry.second.left = now;
+        boundLeft();
+    }
+    const bool isPlenty = hasPlenty();
+    takeIf([&](const auto& entry) {
+        return isLeft(entry) && (!isPlenty || entry.second.left <= now - options_.keepLeft);
+    });
+}
+
+/// The caller holds the mutex, also of the next two.
+void FileBlobStore::boundLeft() {
+    std::uint64_t bytes = 0;
+    for (const auto& entry : unfinished_)
+        if (isLeft(entry)) bytes += entry.second.value.written();
+    while (bytes > options_.maxLeftBytes) {
+        const auto first = oldest(true);
+        bytes -= first->second.value.written();
+        unfinished_.erase(first);
+    }
+}
+
+/// Returns the value whose last part is the oldest, of writers that have left or not.
+FileBlobStore::Entries::iterator FileBlobStore::oldest(bool left) {
+    auto oldest = unfinished_.end();
+    for (auto entry = unfinished_.begin(); entry != unfinished_.end(); ++entry)
+        if (isLeft(*entry) == left &&
+            (oldest == unfinished_.end() || entry->second.turn < oldest->second.turn))
+            oldest = entry;
+    return oldest;
+}
+
+/// Returns the upload of the value that has come furthest, of writers that have left.
+FileBlobStore::Entries::iterator FileBlobStore::leftOf(const Hash& hash) {
+    auto furthest = unfinished_.end();
+    for (auto entry = unfinished_.lower_bound({hash, 0});
+         entry != unfinished_.end() && entry->first.first == hash; ++entry)
+        if (isLeft(*entry) && (furthest == unfinished_.end() ||
+                               entry->second.value.written() > furthest->second.value.written()))
+            furthest = entry;
+    return furthest;
+}
+
+/// Files are removed when the result is destroyed, without the lock.
+FileBlobStore::Entries FileBlobStore::takeIf(
+    const std::function<bool(const Entries::value_type&)>& condition) {
+    Entries taken;
     const std::lock_guard lock(mutex_);
     for (auto one = unfinished_.begin(); one != unfinished_.end();) {
         const auto next = std::next(one);
-        if (one->first.second == writer) gone.insert(unfinished_.extract(one));
+        if (condition(*one)) taken.insert(unfinished_.extract(one));
         one = next;
     }
+    return taken;
 }
 
 Result<std::vector<Hash>> FileBlobStore::list() const {

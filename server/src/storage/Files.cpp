@@ -2,6 +2,7 @@
 #include "Files.h"
 
 #include <fcntl.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -13,16 +14,25 @@
 
 namespace usdlive::server {
 
+bool isDiskFull(int error) { return error == ENOSPC || error == EDQUOT || error == EFBIG; }
+
 Error systemError(const char* verb, const std::filesystem::path& path) {
     const std::error_code error(errno, std::system_category());
-    const bool full = error.value() == ENOSPC || error.value() == EDQUOT;
+    const bool full = isDiskFull(error.value());
     return {full ? ErrorCode::StorageFull : ErrorCode::StorageFailed,
             std::string("cannot ") + verb + " " + path.string() + ": " + error.message()};
 }
 
 Result<Descriptor> openFile(const std::filesystem::path& path, int flags) {
-    Descriptor file(::open(path.c_str(), flags | O_CLOEXEC, 0666));
+    // A pipe would block, and a device can be written to.
+    Descriptor file(::open(path.c_str(), flags | O_CLOEXEC | O_NONBLOCK, 0666));
     if (!file) return tl::unexpected(systemError("open", path));
+    struct stat found{};
+    const bool isOther =
+        ::fstat(file.get(), &found) == 0 && !S_ISREG(found.st_mode) && !S_ISDIR(found.st_mode);
+    if (isOther)
+        return fail(ErrorCode::StorageFailed,
+                    "cannot open " + path.string() + ": it is not a regular file");
     return file;
 }
 

@@ -11,6 +11,9 @@
 
 namespace usdlive::server {
 
+/// Returns true for the codes of errno by which a write fails on a full disk, or at a limit of the
+/// user's or of the process.
+[[nodiscard]] bool isDiskFull(int error);
 /// Returns the error of errno as "cannot <verb> <path>: ...": StorageFull if the disk is full,
 /// otherwise StorageFailed.
 [[nodiscard]] Error systemError(const char* verb, const std::filesystem::path& path);

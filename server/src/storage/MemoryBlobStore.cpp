@@ -28,9 +28,11 @@ public:
                        std::uint64_t writer) override {
         const std::lock_guard lock(mutex_);
         Bytes value;
-        if (auto begun = unfinished_.extract({hash, writer}); !begun.empty() && offset > 0)
-            value = std::move(begun.mapped());
+        auto begun = unfinished_.extract({hash, writer});
+        if (begun.empty()) begun = unfinished_.extract({hash, kLeft});
+        if (!begun.empty() && offset > 0) value = std::move(begun.mapped());
         if (values_.contains(hash)) return true;
+        offset = skipWritten(value.size(), offset, part);
         const auto fits =
             checkPart(hash, size, value.size(), offset, part.size(), options_.maxBytes);
         if (!fits) return tl::unexpected(fits.error());
@@ -53,7 +55,15 @@ public:
     }
     void forget(std::uint64_t writer) override {
         const std::lock_guard lock(mutex_);
-        std::erase_if(unfinished_, [&](const auto& one) { return one.first.second == writer; });
+        for (auto one = unfinished_.begin(); one != unfinished_.end();) {
+            const auto next = std::next(one);
+            if (one->first.second == writer) {
+                auto left = unfinished_.extract(one);
+                left.key().second = kLeft;
+                unfinished_.insert(std::move(left));
+            }
+            one = next;
+        }
     }
     [[nodiscard]] Result<std::vector<Hash>> list() const override {
         const std::lock_guard lock(mutex_);
@@ -78,6 +88,8 @@ public:
     }
 
 private:
+    static constexpr std::uint64_t kLeft = ~std::uint64_t(0);  // a writer that has left
+
     static tl::unexpected<Error> missing(const Hash& hash) {
         return blobError(ErrorCode::BlobNotFound, hash, "does not exist");
     }

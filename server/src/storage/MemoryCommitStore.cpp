@@ -26,6 +26,9 @@ struct StoredLayer {
 
 class MemoryDisk {
 public:
+    explicit MemoryDisk(StoreId store) : identity(std::move(store)) {}
+
+    const StoreId identity;
     std::mutex mutex;  // guards all members below
     CommitStore::Head head;
     CommitStore::Base base;
@@ -47,6 +50,7 @@ public:
         ++disk_->head.epoch;
     }
 
+    [[nodiscard]] StoreId identity() const override { return disk_->identity; }
     [[nodiscard]] Head head() const override {
         const std::lock_guard lock(disk_->mutex);
         return disk_->head;
@@ -304,7 +308,9 @@ private:
 
 }  // namespace
 
-std::shared_ptr<MemoryDisk> createMemoryDisk() { return std::make_shared<MemoryDisk>(); }
+std::shared_ptr<MemoryDisk> createMemoryDisk(StoreId identity) {
+    return std::make_shared<MemoryDisk>(std::move(identity));
+}
 
 std::unique_ptr<CommitStore> createMemoryCommitStore(std::shared_ptr<MemoryDisk> disk) {
     return std::make_unique<MemoryCommitStore>(std::move(disk));

@@ -38,6 +38,7 @@ public:
 
     Result<void> open();
 
+    [[nodiscard]] StoreId identity() const override { return identity_; }
     [[nodiscard]] Head head() const override;
     [[nodiscard]] Base base() const override;
     Result<void> compact(Revision revision, const KeepRunning& keepRunning) override;
@@ -107,6 +108,7 @@ private:
     Result<void> verifyMark() const;
     Result<void> verifyChain() const;
     Result<void> writeLogOut();
+    Result<void> readIdentity();
     Result<void> takeEpoch();
 
     // Appending.
@@ -217,6 +219,7 @@ private:
     const std::shared_ptr<rocksdb::SstFileManager> files_;
     const std::shared_ptr<BackgroundWork> background_ = std::make_shared<BackgroundWork>();
     std::uint64_t logBytes_ = 0;  // size of the log that was replayed at opening
+    StoreId identity_;            // set by open()
     std::unique_ptr<rocksdb::DB> db_;
     std::vector<rocksdb::ColumnFamilyHandle*> handles_;
 

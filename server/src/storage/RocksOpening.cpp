@@ -24,6 +24,7 @@ std::uint64_t logBytes(const std::filesystem::path& database) {
 Result<void> RocksCommitStore::open() {
     return checkRoom()
         .and_then([this] { return openDatabase(); })
+        .and_then([this] { return readIdentity(); })
         .and_then([this] { return readHead(); })
         .and_then([this] { return readBase(); })
         .and_then([this] { return readLayers(); })
@@ -68,6 +69,17 @@ Result<void> RocksCommitStore::openDatabase() {
     Error what = error(status, "open");
     if (broken) what.code = ErrorCode::StorageCorrupt;
     return tl::unexpected(std::move(what));
+}
+
+/// A store without an identity is a new one, or one of an earlier version. takeEpoch() writes it.
+Result<void> RocksCommitStore::readIdentity() {
+    const auto status =
+        db_->Get(rocksdb::ReadOptions(), family(Family::Meta), kIdentityKey, &identity_.value);
+    if (status.IsNotFound())
+        identity_.value = randomIdDigits();
+    else if (!status.ok())
+        return tl::unexpected(error(status, "read"));
+    return {};
 }
 
 Result<void> RocksCommitStore::readHead() {
@@ -234,8 +246,10 @@ Result<void> RocksCommitStore::takeEpoch() {
     ++head_.epoch;
     rocksdb::WriteOptions options;
     options.sync = true;
-    const auto status = db_->Put(options, family(Family::Meta), kEpochKey,
-                                 slice(encoded<std::uint64_t>(head_.epoch)));
+    rocksdb::WriteBatch batch;
+    batch.Put(family(Family::Meta), kEpochKey, slice(encoded<std::uint64_t>(head_.epoch)));
+    batch.Put(family(Family::Meta), kIdentityKey, identity_.value);
+    const auto status = db_->Write(options, &batch);
     if (!status.ok()) return tl::unexpected(error(status, "take over"));
     if (options_.durability == Durability::Synced)
         folder_.setMark({head_.revision, head_.hash});

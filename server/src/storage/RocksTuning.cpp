@@ -2,11 +2,14 @@
 #include "RocksTuning.h"
 
 #include <rocksdb/cache.h>
+#include <rocksdb/env.h>
 #include <rocksdb/filter_policy.h>
 #include <rocksdb/slice_transform.h>
 #include <rocksdb/table.h>
 
 #include "StoreKeys.h"
+#include "usdlive/common/core/Thread.h"
+#include "usdlive/server/storage/RocksCommitStore.h"
 
 namespace usdlive::server {
 
@@ -45,6 +48,27 @@ rocksdb::ColumnFamilyOptions familyOptions(const std::shared_ptr<rocksdb::Cache>
 
 }  // namespace
 
+std::shared_ptr<void> startStoreThreads() try {
+    // Two of each kind, so that the tables of one busy project do not delay those of the others.
+    constexpr int kThreads = 2;
+    for (const auto priority : {rocksdb::Env::Priority::LOW, rocksdb::Env::Priority::HIGH})
+        rocksdb::Env::Default()->SetBackgroundThreads(kThreads, priority);
+    // The first database starts the thread of a timer, which ends with the last one. RocksDB does
+    // not survive that this thread is refused, so another one tries it before.
+    startThread("rocksdb:timer", [] {}).join();
+    const std::shared_ptr<rocksdb::Env> memory(rocksdb::NewMemEnv(rocksdb::Env::Default()));
+    rocksdb::Options options(databaseOptions(nullptr), rocksdb::ColumnFamilyOptions());
+    options.create_if_missing = true;
+    options.write_buffer_size = 64 * kKib;
+    options.env = memory.get();
+    rocksdb::DB* opened = nullptr;
+    if (const auto status = rocksdb::DB::Open(options, "/timer", &opened); !status.ok())
+        throw std::runtime_error("RocksDB cannot start its timer: " + status.ToString());
+    return {opened, [memory](rocksdb::DB* database) { delete database; }};
+} catch (const std::system_error& why) {
+    throw ThreadRefused("rocksdb", why);
+}
+
 rocksdb::DBOptions databaseOptions(std::shared_ptr<rocksdb::SstFileManager> files) {
     rocksdb::DBOptions options;
     options.create_missing_column_families = true;
@@ -60,6 +84,7 @@ rocksdb::DBOptions databaseOptions(std::shared_ptr<rocksdb::SstFileManager> file
     options.max_total_wal_size = 4 * kWriteBufferBytes;
     options.max_background_jobs = 1;
     options.max_open_files = 128;
+    options.max_file_opening_threads = 1;  // others would start while a store is opened
     options.manifest_preallocation_size = 64 * kKib;
     options.sst_file_manager = std::move(files);
     options.info_log = std::make_shared<NoLog>();

@@ -18,6 +18,7 @@ namespace usdlive::server {
 // Keys of the meta family. Lower-case keys are single records. An upper-case letter is the prefix
 // of many.
 inline constexpr const char* kHeadKey = "head";            // revision, hash
+inline constexpr const char* kIdentityKey = "identity";    // text
 inline constexpr const char* kEpochKey = "epoch";          // u64
 inline constexpr const char* kBaseKey = "base";            // revision, hash; absent: 0
 inline constexpr const char* kForgottenKey = "forgotten";  // revision; absent: 0

@@ -17,6 +17,7 @@
 #include "DdsStatePublisher.h"
 #include "WhileAlive.h"
 #include "usdlive/common/core/Overloaded.h"
+#include "usdlive/common/core/Thread.h"
 #include "usdlive/common/dds/Topics.h"
 
 namespace usdlive::server {
@@ -71,7 +72,7 @@ public:
     SubmitThread(const dds::Domain& domain, std::uint64_t server, Take take)
         : reader_(domain, dds::partitionOf(server)), waitSet_(domain), take_(std::move(take)) {
         waitSet_.attach(reader_.get());
-        thread_ = std::thread([this] { run(); });
+        thread_ = startThread("dds submits", [this] { run(); });
     }
     ~SubmitThread() {
         leaving_ = true;
@@ -381,6 +382,7 @@ private:
         sample.protocol = dds::kDdsProtocol;
         sample.started = std::uint64_t(started_);
         sample.revision = revision_;
+        sample.store = const_cast<char*>(options.store.value.c_str());
         return sample;
     }
 

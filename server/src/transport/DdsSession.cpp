@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "usdlive/common/dds/Topics.h"
+#include "usdlive/common/transport/BulkWindow.h"
 #include "usdlive/server/transport/ReplyMarks.h"
 
 namespace usdlive::server {
@@ -71,6 +72,7 @@ public:
         hub_.counters.bytesIn += submit.segment.bytes.size();
         const bool reply = replies_.acknowledged(submit.ackReply, now);
         const bool beside = beside_.acknowledged(submit.ackBeside, now);
+        if (beside) besideWindow_.acknowledged(besidePushed_ - beside_.queuedBytes(), now);
         if (reply || beside) left();
         if (submit.segment.sequence != 0 && !submits_.received(submit.segment, now))
             hub_.ignored(IgnoreReason::Malformed, submit);
@@ -139,7 +141,7 @@ public:
             const auto since = stream.stalledSince();
             return since && now - *since >= hub_.options.slowReaderTime;
         };
-        if (sweepGoodbye(now) || !isOpen()) return;
+        if (sweepGoodbye(now) || !isOpen() || sweepGreeting(now)) return;
         if (now - lastReceived_ >= hub_.options.peerTime)
             end("the client sent nothing for too long", LogLevel::Info);
         else if (stalled(replies_) || stalled(beside_))
@@ -160,15 +162,17 @@ public:
 private:
     // Implements SessionCore.
     std::size_t waitingBytes() const override { return replies_.queuedBytes(); }
-    bool hasRoomBeside() const override {
-        return beside_.waitingBytes() <= Transport::kBesideBytes;
-    }
+    std::size_t besideBytes() const override { return besideWindow_.partBytes(); }
     void queue(SharedBytes frames) override {
         const StreamMark mark = marks_.frames(frames->size());
         push(std::move(frames), mark);
     }
     void queueBeside(SharedBytes frame) override {
         ++hub_.counters.framesOut;
+        besidePushed_ += frame->size();
+        besideWindow_.queued(frame->size());
+        besideWindow_.sent(frame->size());
+        besideWindow_.mark(steady_clock::now());
         beside_.push(std::move(frame));
         flushLater();
     }
@@ -265,9 +269,7 @@ private:
         while (isOpen() && reading_) {
             const auto message = submits_.take(steady_clock::now());
             if (!message) break;
-            ++hub_.counters.messagesIn;
-            if (message->bytes && !message->bytes->empty())
-                guarded([&] { hub_.handler.received(id(), *message->bytes); });
+            if (message->bytes && !message->bytes->empty()) SessionCore::deliver(*message->bytes);
             if (message->end) return end("it left", LogLevel::Info);
         }
         if (submits_.isTooLarge())
@@ -287,6 +289,8 @@ private:
     TimePoint lastReceived_ = steady_clock::now();
 
     dds::SegmentSender replies_, beside_;
+    BulkWindow besideWindow_;
+    std::uint64_t besidePushed_ = 0;  // bytes
     ReplyMarks marks_;
     bool flushing_ = false;  // flush() is requested and has not run yet
     TimePoint lastSent_;

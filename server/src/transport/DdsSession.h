@@ -51,7 +51,7 @@ protected:
     DdsHub(boost::asio::io_context& io, DdsServerOptions options, SessionHandler& handler,
            Background background, Log& log, std::unique_ptr<dds::Domain> domain,
            std::uint64_t server)
-        : SessionHub(io, handler, std::move(background), log),
+        : SessionHub(io, handler, std::move(background), log, options.greetTime),
           options(std::move(options)),
           domain(std::move(domain)),
           server(server) {}

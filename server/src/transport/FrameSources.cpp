@@ -14,14 +14,16 @@ bool FrameSources::add(FrameSource source) {
 }
 
 void FrameSources::produce() {
-    if (producing_ || sources_.empty() || !session_.hasRoom()) return;
+    if (producing_ || sources_.empty()) return;
+    const std::size_t most = session_.partBytes();
+    if (most == 0) return;
     producing_ = true;
     auto source = std::move(sources_.front());
     sources_.pop_front();
-    background_([source, &io = io_, weak = weak_from_this()] {
+    background_([source, most, &io = io_, weak = weak_from_this()] {
         std::optional<SharedBytes> frame;
         try {
-            frame = (*source)();
+            frame = (*source)(most);
         } catch (const std::exception&) {
             // Without failed() the client would wait for the rest for ever.
         }

@@ -17,7 +17,7 @@ class FrameSources : public std::enable_shared_from_this<FrameSources> {
 public:
     /// Not called after clear() or after the session, the only owner of this object, is destroyed.
     struct Session {
-        std::function<bool()> hasRoom;
+        std::function<std::size_t()> partBytes;  ///< size of the next frame; 0: no room
         std::function<void(SharedBytes)> send;
         std::function<void()> failed;  ///< a source threw, which is a bug
     };

@@ -39,8 +39,8 @@ constexpr std::uint64_t kPartBytes = 512 * 1024;
 
 constexpr unsigned kOk = 200, kPartial = 206, kNotModified = 304, kBadRequest = 400,
                    kForbidden = 403, kNotAllowed = 405, kRangeNotSatisfiable = 416,
-                   kUpgradeRequired = 426, kHeadersTooLarge = 431, kInternal = 500,
-                   kUnavailable = 503;
+                   kMisdirected = 421, kUpgradeRequired = 426, kHeadersTooLarge = 431,
+                   kInternal = 500, kUnavailable = 503;
 
 using Request = http::request<http::empty_body>;
 using Response = http::response<http::string_body>;
@@ -58,16 +58,21 @@ std::string quoted(const std::string& etag) { return '"' + etag + '"'; }
 
 class Connection final : public HttpConnection, public std::enable_shared_from_this<Connection> {
 public:
-    Connection(HttpHub& hub, Socket socket, std::shared_ptr<void> slot)
+    Connection(HttpHub& hub, Socket socket, std::unique_ptr<Seat> seat)
         : hub_(hub),
           socket_(std::move(socket)),
-          slot_(std::move(slot)),
+          seat_(std::move(seat)),
           buffer_(2 * kHeaderBytes),
           deadline_(steady_clock::now() + hub.options.headerTime) {
         parser_.header_limit(kHeaderBytes);
     }
 
     void start() override {
+        seat_->giveWayBy([io = &hub_.io, weak = weak_from_this()] {
+            asio::post(*io, [weak] {
+                if (const auto self = weak.lock()) self->finish();
+            });
+        });
         http::async_read_header(socket_, buffer_, parser_,
                                 [self = shared_from_this()](beast::error_code error, std::size_t) {
                                     self->onHeader(error);
@@ -75,7 +80,11 @@ public:
     }
 
     void sweep(TimePoint now) override {
-        if (now < deadline_) return;
+        if (done_) return;
+        if (now < deadline_) {
+            if (waits_) seat_->moved(now);  // for this server
+            return;
+        }
         if (std::exchange(waits_, false))
             return answer({"text/plain", "the server is busy; try again\n", kUnavailable});
         cut();
@@ -89,6 +98,7 @@ public:
     void abandon() override {
         done_ = true;
         cut();
+        seat_.reset();
     }
 
 private:
@@ -106,6 +116,7 @@ private:
     void route(const Request& request) {
         const HttpTarget target = targetOf(request);
         isHead_ = request.method() == http::verb::head;
+        if (auto refusal = refusedHost(request)) return answer(std::move(*refusal));
         try {
             const HttpRoute route = hub_.router(target);
             if (const auto* refusal = std::get_if<HttpReply>(&route)) return answer(*refusal);
@@ -145,9 +156,25 @@ private:
                            kForbidden});
         }
         done_ = true;
+        seat_->giveWayBy(nullptr);
+        seat_->moved(steady_clock::now());
         transport.take(std::make_unique<Upgrade>(
-            Upgrade{parser_.release(), std::move(socket_), std::move(slot_)}));
+            Upgrade{parser_.release(), std::move(socket_), std::move(seat_)}));
         hub_.finished(*this);
+    }
+
+    /// HO1. A request without the header is not one of a browser.
+    std::optional<HttpReply> refusedHost(const Request& request) const {
+        const auto header = request.find(http::field::host);
+        if (header == request.end() || header->value().empty()) return std::nullopt;
+        const auto host = hostOf(view(header->value()));
+        if (host && hub_.options.hosts.allows(*host)) return std::nullopt;
+        hub_.log.write(LogLevel::Warning, "host refused", {{"host", view(header->value())}});
+        if (!host) return HttpReply{"text/plain", "the header Host names no host\n", kBadRequest};
+        return HttpReply{"text/plain",
+                         "this server does not know itself as " + *host +
+                             ". Use its address, or start it with --allow-host " + *host + "\n",
+                         kMisdirected};
     }
 
     bool originAllowed(const Request& request) const {
@@ -342,7 +369,11 @@ private:
         writePart();
     }
 
-    void extend(std::chrono::milliseconds time) { deadline_ = steady_clock::now() + time; }
+    void extend(std::chrono::milliseconds time) {
+        const TimePoint now = steady_clock::now();
+        deadline_ = now + time;
+        seat_->moved(now);
+    }
 
     void sent() {
         beast::error_code ignored;
@@ -364,12 +395,13 @@ private:
     void finish() {
         if (std::exchange(done_, true)) return;
         cut();
+        seat_.reset();
         hub_.finished(*this);
     }
 
     HttpHub& hub_;
     Socket socket_;
-    std::shared_ptr<void> slot_;
+    std::unique_ptr<Seat> seat_;  // nullptr after the end
     beast::flat_buffer buffer_;
     http::request_parser<http::empty_body> parser_;
     Response response_;
@@ -395,8 +427,8 @@ private:
 }  // namespace
 
 std::shared_ptr<HttpConnection> createHttpConnection(HttpHub& hub, Socket socket,
-                                                     std::shared_ptr<void> slot) {
-    return std::make_shared<Connection>(hub, std::move(socket), std::move(slot));
+                                                     std::unique_ptr<Seat> seat) {
+    return std::make_shared<Connection>(hub, std::move(socket), std::move(seat));
 }
 
 }  // namespace usdlive::server

@@ -5,6 +5,7 @@
 
 #include "HttpHub.h"
 #include "Socket.h"
+#include "usdlive/server/transport/Seats.h"
 
 namespace usdlive::server {
 
@@ -21,8 +22,8 @@ public:
     virtual void abandon() = 0;
 };
 
-/// Holds `slot` while the connection is open, also as a session.
+/// Holds `seat` while the connection is open, also as a session.
 [[nodiscard]] std::shared_ptr<HttpConnection> createHttpConnection(HttpHub& hub, Socket socket,
-                                                                   std::shared_ptr<void> slot);
+                                                                   std::unique_ptr<Seat> seat);
 
 }  // namespace usdlive::server

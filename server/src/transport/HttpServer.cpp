@@ -2,7 +2,6 @@
 #include "usdlive/server/transport/HttpServer.h"
 
 #include <algorithm>
-#include <atomic>
 #include <boost/asio/basic_socket_acceptor.hpp>
 #include <boost/asio/basic_waitable_timer.hpp>
 #include <unordered_map>
@@ -24,6 +23,8 @@ using Acceptor = asio::basic_socket_acceptor<tcp, Executor>;
 
 // Pause after a failed accept. Usually no file descriptors are left, and open connections continue.
 constexpr milliseconds kAcceptPause{100};
+// Pause while there is no seat for a waiting connection.
+constexpr milliseconds kSeatPause{20};
 constexpr milliseconds kLongestHeaderSweep{1'000};
 
 class BeastHttpServer final : public HttpServer, public HttpHub {
@@ -34,7 +35,8 @@ public:
           acceptor_(std::move(acceptor)),
           endpoint_(acceptor_.local_endpoint()),
           acceptTimer_(io),
-          sweepTimer_(io) {
+          sweepTimer_(io),
+          seats_(this->options.seats) {
         accept();
         sweepLater();
     }
@@ -46,9 +48,8 @@ public:
     std::uint16_t port() const override { return endpoint_.port(); }
     bool isLoopback() const override { return endpoint_.address().is_loopback(); }
     HttpCounters counters() const override {
-        HttpCounters counters = counters_;
-        counters.connections = *open_;
-        return counters;
+        const Seats::Counts seats = seats_.counts();
+        return {accepted_, seats.gaveWay, seats.guests + seats.members};
     }
 
     void stop() override {
@@ -62,38 +63,42 @@ public:
     void finished(HttpConnection& connection) override { connections_.erase(&connection); }
 
 private:
+    /// Waits for the next connection. It stays in the system's queue until it has a seat.
     void accept() {
-        acceptor_.async_accept(
-            whileAlive(life_, [this](boost::system::error_code error, Socket socket) {
-                onAccepted(error, std::move(socket));
-            }));
+        acceptor_.async_wait(Acceptor::wait_read,
+                             whileAlive(life_, [this](boost::system::error_code error) {
+                                 if (!error) seat();
+                             }));
     }
 
-    void onAccepted(boost::system::error_code error, Socket socket) {
-        if (!acceptor_.is_open()) return;
+    void seat() {
+        const TimePoint now = steady_clock::now();
+        if (!seats_.makeRoom(now)) return acceptIn(kSeatPause);
+        boost::system::error_code error;
+        Socket socket(io);
+        acceptor_.accept(socket, error);
+        if (error == asio::error::would_block || error == asio::error::connection_aborted)
+            return accept();  // the peer has left
         if (error) {
             log.write(LogLevel::Warning, "accept failed", {{"error", error.message()}});
-            acceptTimer_.expires_after(kAcceptPause);
-            acceptTimer_.async_wait(whileAlive(life_, [this](boost::system::error_code canceled) {
-                if (!canceled) accept();
-            }));
-            return;
+            seats_.letOneGo(now);
+            return acceptIn(kAcceptPause);
         }
-        if (*open_ >= options.maxConnections) {
-            ++counters_.turnedAway;
-        } else {
-            ++counters_.accepted;
-            const auto connection = createHttpConnection(*this, std::move(socket), slot());
-            connections_.emplace(connection.get(), connection);
-            connection->start();
-        }
+        ++accepted_;
+        boost::system::error_code ignored;
+        const auto peer = socket.remote_endpoint(ignored);
+        const auto connection = createHttpConnection(*this, std::move(socket),
+                                                     seats_.take(peer.address().to_string(), now));
+        connections_.emplace(connection.get(), connection);
+        connection->start();
         accept();
     }
 
-    /// Counts a connection until the last copy is destroyed, on any thread.
-    std::shared_ptr<void> slot() {
-        ++*open_;
-        return {nullptr, [open = open_](void*) { --*open; }};
+    void acceptIn(milliseconds pause) {
+        acceptTimer_.expires_after(pause);
+        acceptTimer_.async_wait(whileAlive(life_, [this](boost::system::error_code canceled) {
+            if (!canceled) accept();
+        }));
     }
 
     // One timer checks all connections.
@@ -112,9 +117,8 @@ private:
     Acceptor acceptor_;
     const tcp::endpoint endpoint_;
     Timer acceptTimer_, sweepTimer_;
-    HttpCounters counters_;
-    const std::shared_ptr<std::atomic<std::size_t>> open_ =
-        std::make_shared<std::atomic<std::size_t>>(0);
+    Seats seats_;
+    std::uint64_t accepted_ = 0;
     std::unordered_map<HttpConnection*, std::shared_ptr<HttpConnection>> connections_;
     const std::shared_ptr<int> life_ = std::make_shared<int>();
 };
@@ -138,6 +142,7 @@ Result<Acceptor> listenAt(asio::io_context& io, const HttpServerOptions& options
     if (!error) acceptor.set_option(Acceptor::reuse_address(true), error);
     if (!error) acceptor.bind(endpoint, error);
     if (!error) acceptor.listen(asio::socket_base::max_listen_connections, error);
+    if (!error) acceptor.non_blocking(true, error);
     if (error) return failed(error);
     return acceptor;
 }

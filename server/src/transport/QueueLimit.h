@@ -6,10 +6,11 @@
 
 namespace usdlive::server {
 
-/// Limits the data that waits for one reader; a slower reader is cut off. One message may exceed
-/// the limit: it is admitted while the queue is within the limit and does not count while it waits.
-/// Otherwise every message after a large commit would cut off the reader, which would reconnect and
-/// request the same commit.
+/// Limits the data that waits for one reader; a slower reader is cut off. A few messages may exceed
+/// the limit, such as a large commit, or the lists of layers and of their states after a welcome:
+/// they are admitted while the queue is within the limit, or has only such messages beyond it, and
+/// do not count while they wait. Otherwise every message after them would cut off the reader, which
+/// would reconnect and request the same.
 class QueueLimit {
 public:
     explicit QueueLimit(std::size_t most) : most_(most) {}
@@ -19,13 +20,14 @@ public:
     [[nodiscard]] bool admit(std::size_t queued, std::size_t bytes) {
         if (queued <= most_) large_ = 0;
         if (queued > most_ + large_) return false;
-        if (bytes > most_) large_ = std::max(large_, bytes);
+        if (bytes > most_) large_ = std::min(large_ + bytes, kMostLarge);
         return true;
     }
 
 private:
+    static constexpr std::size_t kMostLarge = 192 * 1024 * 1024;
     const std::size_t most_;
-    std::size_t large_ = 0;  // size of the large message that waits; 0: none
+    std::size_t large_ = 0;  // size of the large messages that wait; 0: none
 };
 
 }  // namespace usdlive::server

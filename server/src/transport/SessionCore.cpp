@@ -29,13 +29,28 @@ SessionCore::SessionCore(SessionHub& hub, SessionId id, std::size_t slowReaderBy
       limit_(slowReaderBytes),
       sources_(std::make_shared<FrameSources>(
           hub.io, hub.background,
-          FrameSources::Session{[this] { return hasRoomBeside(); },
+          FrameSources::Session{[this] { return besideBytes(); },
                                 [this](SharedBytes frame) { queueBeside(std::move(frame)); },
                                 [this] { close(internal()); }})) {}
 
 void SessionCore::open() {
     state_ = State::Open;
+    greetDeadline_ = steady_clock::now() + core_.greetTime;
     guarded([this] { core_.handler.opened(id_); });
+}
+
+void SessionCore::deliver(ByteView message) {
+    ++core_.counters.messagesIn;
+    guarded([&] { core_.handler.received(id_, message); });
+    if (!isOpen() || std::exchange(hasSpoken_, true)) return;
+    if (const auto seated = spoke(); !seated) close(seated.error());
+}
+
+bool SessionCore::sweepGreeting(steady_clock::time_point now) {
+    if (!isOpen() || hasSpoken_ || now < greetDeadline_) return false;
+    close(Error{ErrorCode::NotGreeted,
+                "no hello arrived within " + std::to_string(core_.greetTime.count()) + " ms"});
+    return true;
 }
 
 void SessionCore::send(SharedBytes frames) {

@@ -21,6 +21,8 @@ public:
     SessionHandler& handler;
     const Background background;
     Log& log;
+    /// The time limit for the first message of a session, its hello.
+    const std::chrono::milliseconds greetTime;
     TransportCounters counters;
 
     /// Notifies the handler of the closed session, later in this turn of the event loop.
@@ -28,8 +30,12 @@ public:
 
 protected:
     SessionHub(boost::asio::io_context& io, SessionHandler& handler, Background background,
-               Log& log)
-        : io(io), handler(handler), background(std::move(background)), log(log) {}
+               Log& log, std::chrono::milliseconds greetTime)
+        : io(io),
+          handler(handler),
+          background(std::move(background)),
+          log(log),
+          greetTime(greetTime) {}
     ~SessionHub() = default;
 
     /// The life of the hub for whileAlive().
@@ -68,7 +74,8 @@ protected:
     virtual void queue(SharedBytes frames) = 0;
     /// Queues a frame of a source. It takes turns with the stream.
     virtual void queueBeside(SharedBytes frame) = 0;
-    [[nodiscard]] virtual bool hasRoomBeside() const = 0;
+    /// Returns the size of the next frame of a source; 0: there is no room for one.
+    [[nodiscard]] virtual std::size_t besideBytes() const = 0;
     /// Drops the queued frames that are not being sent.
     virtual void dropQueue() = 0;
     /// Starts the goodbye after the queued frames.
@@ -80,6 +87,14 @@ protected:
     [[nodiscard]] bool isOpen() const { return state_ == State::Open; }
     /// Reports the new session to the handler.
     void open();
+    /// Passes a message to the handler.
+    void deliver(ByteView message);
+    /// Returns whether the session has sent a message that the handler accepted: its hello.
+    [[nodiscard]] bool hasSpoken() const { return hasSpoken_; }
+    /// Called after the first message. Error: the session is closed with it.
+    virtual Result<void> spoke() { return {}; }
+    /// Closes a session that has sent no message in time. Returns true if it did.
+    bool sweepGreeting(std::chrono::steady_clock::time_point now);
     /// Returns true if more may wait for the reader. Otherwise closes the session with SlowReader.
     [[nodiscard]] bool admit(std::size_t bytes);
     /// Call it after data was sent: notifies the handler and asks the sources for more.
@@ -108,6 +123,8 @@ private:
     State state_;
     QueueLimit limit_;
     bool notifyDrained_ = false;
+    bool hasSpoken_ = false;
+    std::chrono::steady_clock::time_point greetDeadline_;
     std::chrono::steady_clock::time_point closeDeadline_;
     const std::shared_ptr<FrameSources> sources_;
 };

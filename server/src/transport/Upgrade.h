@@ -7,14 +7,15 @@
 #include <memory>
 
 #include "Socket.h"
+#include "usdlive/server/transport/Seats.h"
 
 namespace usdlive::server {
 
 /// The request for a WebSocket session, not answered yet.
 struct Upgrade {
     boost::beast::http::request<boost::beast::http::empty_body> request;
-    Socket socket;               ///< still belongs to HttpServer's io_context
-    std::shared_ptr<void> slot;  ///< counts as a connection while it is held
+    Socket socket;  ///< still belongs to HttpServer's io_context
+    std::unique_ptr<Seat> seat;
 };
 
 }  // namespace usdlive::server

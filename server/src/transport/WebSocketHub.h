@@ -26,7 +26,8 @@ public:
 protected:
     WebSocketHub(boost::asio::io_context& io, WebSocketOptions options, SessionHandler& handler,
                  Background background, Log& log)
-        : SessionHub(io, handler, std::move(background), log), options(options) {}
+        : SessionHub(io, handler, std::move(background), log, options.greetTime),
+          options(options) {}
     ~WebSocketHub() = default;
 };
 

@@ -1,15 +1,14 @@
 // One client's session over a WebSocket.
 #include "WebSocketSession.h"
 
-#include <netinet/tcp.h>
-#include <sys/socket.h>
-
 #include <algorithm>
 #include <boost/beast/core/flat_buffer.hpp>
 #include <boost/beast/websocket/stream.hpp>
 #include <utility>
 #include <vector>
 
+#include "usdlive/common/transport/BulkWindow.h"
+#include "usdlive/common/transport/PeerLife.h"
 #include "usdlive/server/transport/SendQueue.h"
 
 namespace usdlive::server {
@@ -30,6 +29,8 @@ constexpr std::size_t kFragmentBytes = 256 * 1024;
 // Above this size a message gets more time than slowReaderTime, for example a commit of 64 MiB on a
 // slow line.
 constexpr std::size_t kThinLineBytesPerSecond = 256 * 1024;
+// A reader on a slower line stays as long as its system takes this much in slowReaderTime.
+constexpr std::size_t kLeastProgress = 8 * 1024;
 // The system takes at most 16 buffers per call. Small buffers of longer messages are joined first.
 constexpr std::size_t kManyBuffers = 15;
 constexpr std::size_t kSmallFrameBytes = 1024;
@@ -129,20 +130,22 @@ public:
         : WebSocketSession(hub, id, hub.options.slowReaderBytes, State::Opening),
           hub_(hub),
           upgrade_(std::move(upgrade)),
-          stream_(std::move(socket)) {
+          stream_(std::move(socket)),
+          life_(hub.options.peerTime, steady_clock::now()) {
         // Without these options a small commit waits for the acknowledgement of the previous one,
         // or behind megabytes of a snapshot in the system's buffer.
         beast::error_code ignored;
         lowest().set_option(asio::ip::tcp::no_delay(true), ignored);
-        const int notSent = kFragmentBytes;
-        ::setsockopt(lowest().native_handle(), IPPROTO_TCP, TCP_NOTSENT_LOWAT, &notSent,
-                     sizeof notSent);
+        limitUnsent(lowest().native_handle(), kFragmentBytes);
 
         websocket::stream_base::timeout timeout;
         timeout.handshake_timeout = hub.options.handshakeTime;
-        timeout.idle_timeout = hub.options.peerTime;
-        timeout.keep_alive_pings = true;
+        timeout.idle_timeout = websocket::stream_base::none();  // sweep() looks for life
+        timeout.keep_alive_pings = false;
         stream_.set_option(timeout);
+        stream_.control_callback([this](websocket::frame_type type, beast::string_view payload) {
+            onControlFrame(type, {payload.data(), payload.size()});
+        });
         stream_.read_message_max(0);  // onRead() counts, so that it can report the error
         stream_.auto_fragment(true);
         stream_.write_buffer_bytes(kFragmentBytes);
@@ -152,6 +155,12 @@ public:
     void start() override {
         beast::error_code ignored;
         const auto peer = lowest().remote_endpoint(ignored);
+        upgrade_->seat->giveWayBy([io = &hub_.io, weak = weak_from_this()] {
+            asio::post(*io, [weak] {
+                const auto self = weak.lock();
+                if (self && !self->hasSpoken()) self->end("gave way", LogLevel::Info);
+            });
+        });
         hub_.log.write(LogLevel::Info, "session opened",
                        {{"session", id()}, {"from", peer.address().to_string(ignored)}});
         stream_.async_accept(
@@ -161,7 +170,9 @@ public:
 
     void setReading(bool reading) override {
         reading_ = reading;
-        if (reading && std::exchange(readPaused_, false)) read();
+        if (!reading || !std::exchange(readPaused_, false)) return;
+        received_ = steady_clock::now();
+        read();
     }
 
     void flush() override {
@@ -172,15 +183,35 @@ public:
     }
 
     void sweep(TimePoint now) override {
-        if (writing_ && isOpen() && now >= writeDeadline_)
-            endSlowReader("the client did not read for too long");
-        else
+        if (!isOpen()) {
             sweepGoodbye(now);
+            return;
+        }
+        const auto sent = sendProgress(lowest().native_handle());
+        if (sent && sent->acknowledged >= progress_ + kLeastProgress) {
+            progress_ = sent->acknowledged;
+            writeDeadline_ = std::max(writeDeadline_, now + hub_.options.slowReaderTime);
+        }
+        if (writing_ && now >= writeDeadline_)
+            return endSlowReader("the client did not read for too long");
+        if (readPaused_) life_.received(received_ = now);  // it is not its fault
+        if (buffer_.size() > 0 && now - received_ >= hub_.options.messageTime)
+            return close(Error{ErrorCode::MalformedFrame, "the rest of a message did not arrive"});
+        if (sweepGreeting(now)) return;
+        switch (life_.check(sent, now)) {
+            case PeerLife::Verdict::Alive:
+                return;
+            case PeerLife::Verdict::SendPing:
+                return ping();
+            case PeerLife::Verdict::Lost:
+                end("the client answered nothing for too long", LogLevel::Info);
+        }
     }
 
     void abandon() override {
         endSilently();
         closeSocket();
+        upgrade_->seat.reset();
     }
 
 private:
@@ -188,8 +219,13 @@ private:
 
     // Implements SessionCore.
     std::size_t waitingBytes() const override { return queue_.bytes() + batch_.bytes(); }
-    bool hasRoomBeside() const override { return waitingBytes() <= Transport::kBesideBytes; }
-    void queueBeside(SharedBytes frame) override { queue(std::move(frame)); }
+    std::size_t besideBytes() const override { return window_.partBytes(); }
+    void queueBeside(SharedBytes frame) override {
+        if (!std::exchange(isMeasured_, true)) ping();  // the line without a queue
+        window_.queued(frame->size());
+        waitingBulk_ += frame->size();
+        queue(std::move(frame));
+    }
     void queue(SharedBytes frames) override {
         hub_.counters.queuedBytes += frames->size();
         queue_.push(std::move(frames));
@@ -207,7 +243,13 @@ private:
         hub_.counters.queuedBytes -= waitingBytes();
         queue_.clear();
         closeSocket();
+        upgrade_->seat.reset();
         hub_.finished(*this);
+    }
+    Result<void> spoke() override {
+        if (upgrade_->seat->admit()) return {};
+        return fail(ErrorCode::TooManySessions,
+                    "the projects of this server have as many sessions as it may have");
     }
     void closeSocket() {
         beast::error_code ignored;
@@ -217,8 +259,34 @@ private:
     void onAccepted(beast::error_code error) {
         if (state() != State::Opening) return;
         if (error) return end(error.message(), LogLevel::Info);
+        upgrade_->seat->moved(steady_clock::now());
         open();
         read();
+    }
+
+    void onControlFrame(websocket::frame_type type, std::string_view payload) {
+        life_.received(steady_clock::now());
+        if (type != websocket::frame_type::pong || !isOpen()) return;
+        const auto mark = markOf(payload);
+        if (!mark) return;
+        window_.acknowledged(*mark, steady_clock::now());
+        if (window_.wantsMark()) ping();
+        sources().produce();
+    }
+
+    /// The pong to a ping says that the client has received everything that was sent before the
+    /// ping (TL1).
+    void ping() {
+        pingsAgain_ = isPinging_;
+        if (std::exchange(isPinging_, true)) return;
+        const std::string payload = pingPayload(window_.mark(steady_clock::now()));
+        stream_.async_ping(
+            {payload.data(), payload.size()}, [self = shared_from_this()](beast::error_code error) {
+                self->isPinging_ = false;
+                if (error || !self->isOpen()) return;
+                self->life_.pingWritten(sendProgress(self->lowest().native_handle()));
+                if (self->pingsAgain_) self->ping();
+            });
     }
 
     void read() {
@@ -239,29 +307,36 @@ private:
     void onRead(beast::error_code error, std::size_t bytes) {
         if (state() == State::Closed) return;
         if (error) return end(error.message(), LogLevel::Info);
+        life_.received(steady_clock::now());
         hub_.counters.bytesIn += bytes;
         if (!isOpen()) return;
         if constexpr (kTextMessages)
             stream_.text(stream_.got_text());  // answer in the same mode
         else if (stream_.got_text())
             return close(Error{ErrorCode::TextFrame, std::string(errorText(ErrorCode::TextFrame))});
-        if (buffer_.size() > hub_.options.maxMessageBytes)
+        received_ = steady_clock::now();
+        std::size_t most = hub_.options.maxMessageBytes;
+        if (!hasSpoken()) most = std::min(most, hub_.options.maxHelloBytes);
+        if (buffer_.size() > most)
             return close(Error{ErrorCode::FrameTooLarge,
-                               "a message may have at most " +
-                                   std::to_string(hub_.options.maxMessageBytes) + " bytes"});
+                               (hasSpoken() ? "a message may have at most "
+                                            : "the first message may have at most ") +
+                                   std::to_string(most) + " bytes"});
         if (stream_.is_message_done()) {
-            ++hub_.counters.messagesIn;
             const auto data = buffer_.data();
-            const ByteView message{static_cast<const std::uint8_t*>(data.data()), data.size()};
-            guarded([&] { hub_.handler.received(id(), message); });
+            deliver({static_cast<const std::uint8_t*>(data.data()), data.size()});
             buffer_.clear();
             if (buffer_.capacity() > kMostReadBytes) buffer_.shrink_to_fit();
+        } else if (!hasSpoken()) {
+            upgrade_->seat->moved(received_);
+            upgrade_->seat->holds(buffer_.size());
         }
         read();
     }
 
     void write() {
         batch_.fill(queue_);
+        if (queue_.empty()) batchBulk_ = std::exchange(waitingBulk_, 0);
         writing_ = true;
         const std::size_t more = std::max(batch_.bytes(), kMessageBytes) - kMessageBytes;
         writeDeadline_ = steady_clock::now() + hub_.options.slowReaderTime +
@@ -280,7 +355,9 @@ private:
         hub_.counters.framesOut += batch_.frames();
         hub_.counters.bytesOut += batch_.bytes();
         hub_.counters.queuedBytes -= batch_.bytes();
+        window_.sent(std::exchange(batchBulk_, 0));
         batch_.clear();
+        if (isOpen() && window_.wantsMark()) ping();
         left();
         flush();
     }
@@ -293,10 +370,11 @@ private:
     }
 
     WebSocketHub& hub_;
-    const std::unique_ptr<Upgrade> upgrade_;  // holds a slot for connections
+    const std::unique_ptr<Upgrade> upgrade_;  // its seat is nullptr after the end
     websocket::stream<Socket, false> stream_;
 
     beast::flat_buffer buffer_;
+    TimePoint received_;  // when bytes of a message arrived last
     bool reading_ = true;
     bool readPaused_ = false;  // a read would be running if reading_ were true
 
@@ -305,6 +383,12 @@ private:
     bool writing_ = false;   // batch_ is being sent
     bool flushing_ = false;  // flush() is requested and has not run yet
     TimePoint writeDeadline_;
+    std::uint64_t progress_ = 0;  // acknowledged bytes when writeDeadline_ was last moved
+    BulkWindow window_;           // counts the frames of sources
+    bool isMeasured_ = false;
+    std::size_t waitingBulk_ = 0, batchBulk_ = 0;  // bytes of them in queue_ and in batch_
+    PeerLife life_;
+    bool isPinging_ = false, pingsAgain_ = false;
     websocket::close_code closeCode_ = websocket::close_code::normal;
     bool saidGoodbye_ = false;
 };

@@ -23,7 +23,7 @@ using asio::ip::tcp;
 using std::chrono::milliseconds;
 using std::chrono::steady_clock;
 
-constexpr milliseconds kLongestSweep{1'000};
+constexpr milliseconds kLongestSweep{500};
 constexpr milliseconds kStopSweep{50};
 
 /// Moves a connection from one io_context to another.
@@ -155,7 +155,9 @@ private:
     // than the write.
     void sweepLater() {
         const milliseconds pause =
-            stopDeadline_ ? kStopSweep : std::min(kLongestSweep, options.slowReaderTime / 4);
+            stopDeadline_
+                ? kStopSweep
+                : std::min({kLongestSweep, options.slowReaderTime / 4, options.peerTime / 8});
         sweepTimer_.expires_after(pause);
         sweepTimer_.async_wait(whileAlive(life_, [this](boost::system::error_code error) {
             if (!error) sweep();

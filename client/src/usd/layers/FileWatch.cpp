@@ -6,6 +6,7 @@
 #include <unistd.h>
 
 #include <array>
+#include <filesystem>
 #include <fstream>
 
 namespace usdlive::layers {
@@ -41,7 +42,9 @@ void describe(const std::string& path, const struct stat& status, FileWatch::See
 }  // namespace
 
 std::optional<std::uint64_t> FileWatch::hashOf(const std::string& path, std::int64_t size) {
-    if (size > kMaxHashedBytes) return std::nullopt;
+    std::error_code ignored;  // a pipe would block
+    if (size > kMaxHashedBytes || !std::filesystem::is_regular_file(path, ignored))
+        return std::nullopt;
     std::ifstream file(path, std::ios::binary);
     std::uint64_t hash = 14695981039346656037ull;  // FNV-1a
     std::array<char, 65536> block{};

@@ -1,4 +1,4 @@
-// Collects the changes of a batch for each layer and applies them in one change block.
+// Collects the changes of a batch for each layer and applies them step by step.
 #include "Application.h"
 
 #include <pxr/base/tf/errorMark.h>
@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <optional>
+#include <ranges>
 #include <set>
 #include <unordered_set>
 
@@ -23,21 +24,14 @@ using pxr::VtValue;
 
 namespace {
 
-// Returns the paths before the first `count` edits of the objects now at or below `path`. May
-// return more paths than exist.
-std::set<SdfPath> pathsBefore(const std::vector<PathMoves>& edits, std::size_t count,
-                              const SdfPath& path) {
-    std::set<SdfPath> paths{path};
+// Returns the paths before all steps of the objects that are at or below `path` after the first
+// `count` steps. May return more paths than exist.
+pxr::SdfPathSet pathsBefore(const std::vector<PathMap>& steps, std::size_t count,
+                            const SdfPath& path) {
+    pxr::SdfPathSet paths{path};
     for (std::size_t i = count; i-- > 0;) {
-        std::set<SdfPath> earlier;
-        for (const SdfPath& one : paths)
-            for (const auto& [from, to] : edits[i]) {
-                if (to.IsEmpty()) continue;
-                if (one.HasPrefix(to))
-                    earlier.insert(one.ReplacePrefix(to, from));
-                else if (to.HasPrefix(one))
-                    earlier.insert(from);
-            }
+        pxr::SdfPathSet earlier;
+        for (const SdfPath& one : paths) steps[i].addBefore(one, earlier);
         paths.merge(earlier);
     }
     return paths;
@@ -45,50 +39,81 @@ std::set<SdfPath> pathsBefore(const std::vector<PathMoves>& edits, std::size_t c
 
 }  // namespace
 
+std::vector<SdfLayerRefPtr> Changes::layers() const {
+    std::set<SdfLayerRefPtr> layers;
+    for (const auto& step : steps)
+        for (const auto& edit : step)
+            for (const auto& [layer, moves] : edit.moves) layers.insert(layer);
+    for (const auto& [layer, edits] : fields)
+        if (!edits.empty()) layers.insert(layer);
+    return {layers.begin(), layers.end()};
+}
+
 Application::Application(const std::vector<Plan>& plans, PathIndex& index) {
-    collectPlan(plans);
+    changes_.steps = inSteps(plans);
+    collectPlanned(plans);
     collectPathFields(plans, index);
-    std::erase_if(layers_, [](const auto& layer) {
-        return layer.second.moves.empty() && layer.second.fields.empty();
-    });
     checkPermissions();
+}
+
+SdfPath Application::after(const SdfLayerHandle& layer, SdfPath path) const {
+    if (const auto steps = specMoves_.find(layer); steps != specMoves_.end())
+        for (const auto& step : steps->second) path = path.IsEmpty() ? path : step.after(path);
+    return path;
 }
 
 // Collects arcs and relocates with the last value of each field. A plan names specs by their paths
 // at the time of its edit.
-void Application::collectPlan(const std::vector<Plan>& plans) {
-    for (const auto& plan : plans)
-        for (const auto& [layer, changes] : plan.layers) {
-            auto& edits = layers_[layer];
+void Application::collectPlanned(const std::vector<Plan>& plans) {
+    std::vector<std::vector<std::pair<std::size_t, const StepEdit*>>> movesOf(plans.size());
+    for (std::size_t step = 0; step < changes_.steps.size(); ++step)
+        for (const auto& edit : changes_.steps[step]) movesOf[edit.plan].emplace_back(step, &edit);
+    for (std::size_t i = 0; i < plans.size(); ++i) {
+        for (const auto& [layer, changes] : plans[i].layers) {
             auto& fields = planned_[layer];
-            for (const auto& arc : changes.arcs)
-                fields[{pathBefore(edits.moves, arc.path), arc.field}] = arc.value;
+            for (const auto& arc : changes.arcs) {
+                SdfPath path = arc.path;
+                if (const auto steps = specMoves_.find(layer); steps != specMoves_.end())
+                    for (const auto& step : std::views::reverse(steps->second))
+                        path = path.IsEmpty() ? path : step.before(path);
+                fields[{path, arc.field}] = arc.value;
+            }
             if (changes.relocates)
                 fields[{SdfPath::AbsoluteRootPath(), pxr::SdfFieldKeys->LayerRelocates}] =
                     VtValue(*changes.relocates);
-            edits.moves.insert(edits.moves.end(), changes.moves.begin(), changes.moves.end());
         }
-    for (const auto& [layer, fields] : planned_) {
-        auto& edits = layers_[layer];
+        for (const auto& [step, edit] : movesOf[i])
+            for (const auto& [layer, moves] : edit->moves) {
+                auto& maps = specMoves_[layer];
+                maps.resize(changes_.steps.size());
+                for (const auto& move : moves) maps[step].add(move);
+            }
+    }
+    for (const auto& [layer, fields] : planned_)
         for (const auto& [key, value] : fields) {
             const auto& [path, field] = key;
-            const SdfPath moved = followed(edits.moves, path);
+            if (path.IsEmpty()) continue;
+            const SdfPath moved = after(layer, path);
             const auto present = layer->GetField(path, field);
-            if (!path.IsEmpty() && !moved.IsEmpty() && present != value)
-                edits.fields.push_back({path, moved, field, present, value});
+            if (!moved.IsEmpty() && present != value)
+                changes_.fields[layer].push_back({path, moved, field, present, value});
         }
-    }
 }
 
 void Application::collectPathFields(const std::vector<Plan>& plans, PathIndex& index) {
+    MoveSteps steps;
     std::map<SdfLayerRefPtr, std::vector<PathMoves>> objects;
-    for (std::size_t edit = 0; edit < plans.size(); ++edit)
-        for (std::size_t stage = 0; stage < plans[edit].objects.size(); ++stage)
-            for (const auto& layer : plans[edit].localLayers[stage]) {
+    for (const Plan& plan : plans) {
+        const std::size_t step = steps.addAtOnce(plan.objects);
+        changes_.objects.push_back({plan.objects, plan.localLayers, plan.hasRelocates, step});
+        for (std::size_t stage = 0; stage < plan.objects.size(); ++stage)
+            for (const auto& layer : plan.localLayers[stage]) {
                 auto& moves = objects[layer];
-                moves.resize(plans.size());
-                for (const auto& move : plans[edit].objects[stage]) moves[edit].push_back(move);
+                moves.resize(std::max(moves.size(), step + 1));
+                moves[step].insert(moves[step].end(), plan.objects[stage].begin(),
+                                   plan.objects[stage].end());
             }
+    }
     for (const auto& [layer, moves] : objects) findPathFields(layer, moves, index);
 }
 
@@ -96,70 +121,90 @@ void Application::collectPathFields(const std::vector<Plan>& plans, PathIndex& i
 // selected.
 void Application::findPathFields(const SdfLayerRefPtr& layer, const std::vector<PathMoves>& objects,
                                  PathIndex& index) {
+    StepMaps steps;
+    for (const auto& moves : objects) steps.emplace_back(moves);
     pxr::SdfPathVector specs;
     for (std::size_t i = 0; i < objects.size(); ++i)
         for (const auto& move : objects[i])
-            for (const SdfPath& path : pathsBefore(objects, i, move.from))
+            for (const SdfPath& path : pathsBefore(steps, i, move.from))
                 index.of(layer).specsWithPathsTo(path, specs);
-    const auto edits = layers_.find(layer);
-    const PathMoves specMoves = edits == layers_.end() ? PathMoves() : edits->second.moves;
     const Planned& planned = planned_[layer];
     std::unordered_set<SdfPath, SdfPath::Hash> seen;
     for (const SdfPath& spec : specs) {
         if (!seen.insert(spec).second) continue;
-        const SdfPath moved = followed(specMoves, spec);
+        const SdfPath moved = after(layer, spec);
         if (moved.IsEmpty() || !layer->HasSpec(spec)) continue;
         const SdfPath owner = moved.StripAllVariantSelections();
         visitPathFields(layer, spec, [&](const TfToken& field, const VtValue& present) {
             const bool isArc = isArcField(field);
             if (isArc && planned.contains({spec, field})) return;
             VtValue value = present;
-            for (const auto& moves : objects)
+            for (const auto& moves : steps)
                 if (auto next = isArc ? movedArcs(value, moves, owner) : movedValue(value, moves);
                     !next.IsEmpty())
                     value = std::move(next);
             if (value != present)
-                layers_[layer].fields.push_back({spec, moved, field, present, value});
+                changes_.fields[layer].push_back({spec, moved, field, present, value});
         });
     }
 }
 
 void Application::checkPermissions() {
-    for (const auto& [layer, edits] : layers_) {
+    for (const auto& layer : changes_.layers()) {
         if (layer->PermissionToEdit()) continue;
-        const bool isField = !edits.fields.empty();
-        const SdfPath& path = isField ? edits.fields.front().before : edits.moves.front().from;
+        const auto fields = changes_.fields.find(layer);
+        const bool isField = fields != changes_.fields.end() && !fields->second.empty();
+        SdfPath path;
+        if (isField) path = fields->second.front().before;
+        for (const auto& step : changes_.steps)
+            for (const auto& edit : step)
+                if (const auto moves = edit.moves.find(layer);
+                    path.IsEmpty() && moves != edit.moves.end())
+                    path = moves->second.front().from;
         const std::string where = "@" + layer->GetIdentifier() + "@<" + path.GetString() + ">";
-        errors_.push_back((isField ? "The field " + edits.fields.front().field.GetString() + " of "
-                                   : "The spec ") +
+        errors_.push_back((isField
+                               ? "The field " + fields->second.front().field.GetString() + " of "
+                               : "The spec ") +
                           where + " cannot be edited because the layer is not editable");
     }
 }
 
 pxr::SdfLayerHandleVector Application::layers() const {
     pxr::SdfLayerHandleVector layers;
-    for (const auto& [layer, edits] : layers_) layers.push_back(layer);
+    for (const auto& layer : changes_.layers()) layers.push_back(layer);
     return layers;
 }
 
 Result<NamespaceRecord> Application::apply() const {
-    const auto content = std::make_shared<NamespaceRecord::Content>(layers_);
-    const pxr::SdfChangeBlock block;
-    pxr::TfErrorMark mark;
-    std::string refused;
-    for (const auto& [layer, edits] : layers_) {
-        if (!moveSpecs(layer, edits.moves))
-            refused = "@" + layer->GetIdentifier() + "@ refuses to move its specs";
-        for (const auto& edit : edits.fields)
-            if (layer->HasSpec(edit.path)) layer->SetField(edit.path, edit.field, edit.value);
-        if (!refused.empty() || !mark.IsClean()) break;
+    const auto content = std::make_shared<NamespaceRecord::Content>(changes_);
+    for (std::size_t i = 0; i < changes_.steps.size(); ++i) {
+        if (auto made = makeStep(i, *content); !made) return tl::unexpected(made.error());
+        content->end(i);  // Sdf removes emptied overs at the end of the block
     }
-    content->finish();
-    if (refused.empty() && mark.IsClean()) return NamespaceRecord(content);
+    return NamespaceRecord(content);
+}
+
+Result<void> Application::makeStep(std::size_t step, NamespaceRecord::Content& content) const {
+    const pxr::SdfChangeBlock block;
+    pxr::TfErrorMark mark;  // does not see errors of those who are notified of this step
+    std::string refused;
+    for (const auto& [layer, moves] : content.begin(step))
+        if (!moveSpecs(layer, moves)) {
+            refused = "@" + layer->GetIdentifier() + "@ refuses to move its specs";
+            break;
+        }
+    if (refused.empty() && mark.IsClean() && step + 1 == changes_.steps.size()) writeFields();
+    if (refused.empty() && mark.IsClean()) return {};
     if (!mark.IsClean()) refused += (refused.empty() ? "" : ": ") + mark.begin()->GetCommentary();
-    (void)NamespaceRecord(content).undo([](const SdfLayerHandle&) { return false; });
+    (void)content.undo([](const SdfLayerHandle&) { return false; });
     mark.Clear();
     return fail(ErrorCode::InvalidEdit, refused);
+}
+
+void Application::writeFields() const {
+    for (const auto& [layer, edits] : changes_.fields)
+        for (const auto& edit : edits)
+            if (layer->HasSpec(edit.path)) layer->SetField(edit.path, edit.field, edit.value);
 }
 
 }  // namespace usdlive::naming

@@ -16,44 +16,61 @@
 
 namespace usdlive::naming {
 
-/// All changes of a batch, in the order of its edits, as they are made in the layers.
+/// A field with a new value. `before` is its spec's path before all moves, and `path` the path
+/// after them.
+struct FieldEdit {
+    pxr::SdfPath before, path;
+    pxr::TfToken field;
+    pxr::VtValue oldValue, value;
+};
+
+/// Everything that a batch changes.
+struct Changes {
+    /// The moves of composed objects by one plan, in the layers whose fields refer to them.
+    struct Objects {
+        std::vector<PathMoves> moves;  ///< for each stage
+        std::vector<pxr::SdfLayerHandleVector> localLayers;
+        bool hasRelocates = false;
+        std::size_t step = 0;  ///< objects of later steps name paths after this one
+    };
+
+    std::vector<Step> steps;
+    std::map<pxr::SdfLayerRefPtr, std::vector<FieldEdit>> fields;  ///< written after all steps
+    std::vector<Objects> objects;                                  ///< for each plan
+
+    [[nodiscard]] std::vector<pxr::SdfLayerRefPtr> layers() const;
+};
+
+/// All changes of a batch, as they are made in the layers.
 class Application {
 public:
-    /// A field with a new value. `before` is its spec's path before all moves, and `path` the path
-    /// after them.
-    struct FieldEdit {
-        pxr::SdfPath before, path;
-        pxr::TfToken field;
-        pxr::VtValue oldValue, value;
-    };
-    struct LayerEdits {
-        PathMoves moves;
-        std::vector<FieldEdit> fields;
-    };
-    using Layers = std::map<pxr::SdfLayerRefPtr, LayerEdits>;
-
     /// Collects all changes without making them.
     Application(const std::vector<Plan>& plans, PathIndex& index);
 
     /// If there are errors, the batch must not be applied.
     [[nodiscard]] const std::vector<std::string>& errors() const { return errors_; }
     [[nodiscard]] pxr::SdfLayerHandleVector layers() const;
-    /// Makes all changes within one change block. If Sdf refuses a change, returns an error and
-    /// changes nothing.
+    /// Makes all changes: each step within one change block, and the fields within the last one. If
+    /// Sdf refuses a change, returns an error and changes nothing.
     [[nodiscard]] Result<NamespaceRecord> apply() const;
 
 private:
     /// The arcs and relocates of the plans, by the paths of their specs before all moves.
     using Planned = std::map<std::pair<pxr::SdfPath, pxr::TfToken>, pxr::VtValue>;
+    /// Moves by step.
+    using StepMaps = std::vector<PathMap>;
 
-    void collectPlan(const std::vector<Plan>& plans);
+    void collectPlanned(const std::vector<Plan>& plans);
     void collectPathFields(const std::vector<Plan>& plans, PathIndex& index);
-    /// `objects` are moved at once, for each edit.
     void findPathFields(const pxr::SdfLayerRefPtr& layer, const std::vector<PathMoves>& objects,
                         PathIndex& index);
     void checkPermissions();
+    Result<void> makeStep(std::size_t step, NamespaceRecord::Content& content) const;
+    void writeFields() const;
+    [[nodiscard]] pxr::SdfPath after(const pxr::SdfLayerHandle& layer, pxr::SdfPath path) const;
 
-    Layers layers_;
+    Changes changes_;
+    std::map<pxr::SdfLayerHandle, StepMaps> specMoves_;
     std::map<pxr::SdfLayerHandle, Planned> planned_;
     std::vector<std::string> errors_;
 };

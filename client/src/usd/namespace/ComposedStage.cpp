@@ -69,6 +69,29 @@ bool changesActive(const pxr::SdfLayerChangeListVec& changes) {
     return false;
 }
 
+bool renamesPrims(const pxr::SdfLayerChangeListVec& changes) {
+    for (const auto& [layer, list] : changes)
+        for (const auto& [path, entry] : list.GetEntryList())
+            if (entry.flags.didRename && path.IsPrimPath()) return true;
+    return false;
+}
+
+bool hasRelocates(const PcpPrimIndex& prim) {
+    for (const auto& node : prim.GetNodeRange())
+        if (node.GetLayerStack()->HasRelocates()) return true;
+    return false;
+}
+
+// Without relocates, the children of a prim are those that its opinions have. Asking for one of
+// them does not depend on how many there are.
+bool hasChildSpec(const PcpPrimIndex& prim, const pxr::TfToken& name) {
+    bool found = false;
+    visitOpinions(prim, [&](const auto& layer, const SdfPath& path) {
+        return found = layer->HasSpec(path.AppendChild(name));
+    });
+    return found;
+}
+
 bool canBeInstance(const PcpPrimIndex& prim) {
     bool instanceable = false;
     visitOpinions(prim, [&](const auto& layer, const SdfPath& path) {
@@ -113,6 +136,9 @@ void ComposedStage::onChanged(const pxr::SdfNotice::LayersDidChangeSentPerLayer&
         return;
     }
     if (stale_) return;
+    // Pcp cannot follow a prim that it has not composed yet.
+    if (!uncomposed_.empty() && renamesPrims(notice.GetChangeListVec()))
+        uncomposed_ = {SdfPath::AbsoluteRootPath()};
     pxr::PcpChanges changes;
     composition_->guard(notice.GetChangeListVec(), changes);
     changes.DidChange(&composition_->cache(), notice.GetChangeListVec());
@@ -193,9 +219,12 @@ pxr::SdfPathVector ComposedStage::reachable(const pxr::SdfPathSet& paths) const 
     std::unordered_map<SdfPath, pxr::PcpTokenSet, SdfPath::Hash> children;
     const auto isChild = [&](const SdfPath& path) {
         const SdfPath parent = path.GetParentPath();
+        const auto* index = composition_->cache().FindPrimIndex(parent);
+        if (index && !hasRelocates(*index))
+            return isActive(*index) && hasChildSpec(*index, path.GetNameToken()) &&
+                   view_.includes(path) && stage::canBePrim(path);
         const auto [known, isNew] = children.try_emplace(parent);
-        const auto* index = isNew ? composition_->cache().FindPrimIndex(parent) : nullptr;
-        if (index && isActive(*index)) {
+        if (index && isNew && isActive(*index)) {
             pxr::TfTokenVector names;
             pxr::PcpTokenSet prohibited;
             index->ComputePrimChildNames(&names, &prohibited);

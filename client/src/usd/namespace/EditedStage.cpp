@@ -51,8 +51,11 @@ public:
     }
     [[nodiscard]] bool isBuiltIn(const pxr::TfToken& typeName, const pxr::TfTokenVector& apiSchemas,
                                  const pxr::TfToken& property) const override {
-        return root_.stage().schemas().definition(typeName, apiSchemas).property(property) !=
-               nullptr;
+        const auto& schemas = root_.stage().schemas();
+        const auto fallbacks = root_.stage().metadata(pxr::TfToken("fallbackPrimTypes"));
+        const auto type = schemas.effectiveType(
+            typeName, fallbacks.GetWithDefault<pxr::VtDictionary>(pxr::VtDictionary()));
+        return schemas.isBuiltIn(type, apiSchemas, property);
     }
     [[nodiscard]] bool isInPrototype(const SdfPath& path) const override {
         const auto prim = root_.stage().prim(path);

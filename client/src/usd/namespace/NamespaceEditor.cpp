@@ -171,17 +171,39 @@ private:
         return application;
     }
 
-    // Makes the plans of several edits on copies of the layers, so that each edit sees the edits
-    // before it.
     std::vector<Plan> planAll(const naming::Stages& stages, CanApplyResult& result) {
-        std::vector<Plan> plans;
         if (edits_.size() == 1) {
-            plans.push_back(naming::planEdit(stages, edits_.front(), options_));
+            std::vector<Plan> plans{naming::planEdit(stages, edits_.front(), options_)};
             result.errors = plans.front().errors;
             result.warnings = plans.front().warnings;
             if (result) naming::Deletions(stages).settle(plans.front());
             return plans;
         }
+        auto plans = planApart(stages);
+        if (plans.empty()) return planInOrder(stages, result);
+        for (std::size_t i = 0; i < plans.size(); ++i)
+            for (const auto& warning : plans[i].warnings)
+                result.warnings.push_back(named(i) + warning);
+        return plans;
+    }
+
+    // Makes the plans of edits that do not concern each other, on the stage as it is. Returns
+    // nothing if some may do so.
+    std::vector<Plan> planApart(const naming::Stages& stages) const {
+        std::vector<Plan> plans;
+        naming::MoveSteps steps;
+        for (const Edit& edit : edits_) {
+            auto plan = naming::planEdit(stages, edit, options_);
+            if (!plan.errors.empty() || plan.concernsMore() || steps.addAtOnce(plan.touched()) > 0)
+                return {};
+            plans.push_back(std::move(plan));
+        }
+        return plans;
+    }
+
+    // Makes the plans on copies of the layers, so that each edit sees the edits before it.
+    std::vector<Plan> planInOrder(const naming::Stages& stages, CanApplyResult& result) const {
+        std::vector<Plan> plans;
         const naming::ScratchStages scratch(stages);
         naming::Deletions deletions(scratch.stages());
         for (std::size_t i = 0; i < edits_.size(); ++i) {

@@ -70,14 +70,15 @@ void LayerPaths::follow(const pxr::SdfChangeList& changes) {
             renames.push_back({entry.oldPath, path});
     if (!areIndependent(renames) || moves_.size() + renames.size() > kMaxMoves) return forget();
     moves_.insert(moves_.end(), renames.begin(), renames.end());
+    const PathMap renamed(renames);
     for (const auto& [path, entry] : entries) {
         if (entry.flags.didReplaceContent || entry.flags.didReloadContent ||
             entries_ > 2 * entriesOfLayer_ + kMaxStale)
             return forget();
         // The entries have no order in time. A spec may have changed before it was renamed.
-        const SdfPath renamed = renames.empty() ? path : followed(renames, path);
+        const SdfPath now = renamed.after(path);
         readChanged(path, entry);
-        if (renamed != path) readChanged(renamed, entry);
+        if (now != path) readChanged(now, entry);
     }
 }
 

@@ -37,25 +37,13 @@ struct Collect {
     }
 };
 
-const PathMove* nearestMove(const SdfPath& path, const PathMoves& moves) {
-    const PathMove* nearest = nullptr;
-    for (const auto& move : moves)
-        if (path.HasPrefix(move.from) &&
-            (!nearest || (move.from != nearest->from && move.from.HasPrefix(nearest->from))))
-            nearest = &move;
-    return nearest;
-}
-
-SdfPath movedPath(const SdfPath& path, const PathMoves& moves) {
-    const auto* move = nearestMove(path, moves);
-    return move ? path.ReplacePrefix(move->from, move->to) : path;
-}
+SdfPath movedPath(const SdfPath& path, const PathMap& moves) { return moves.after(path); }
 SdfPath collectPath(const SdfPath& path, const Collect& collect) {
     collect.add(path);
     return path;
 }
 
-SdfPathListOp movedList(const SdfPathListOp& list, const PathMoves& moves) {
+SdfPathListOp movedList(const SdfPathListOp& list, const PathMap& moves) {
     SdfPathListOp moved = list;
     moved.ModifyOperations([&](const SdfPath& path) -> std::optional<SdfPath> {
         auto to = movedPath(path, moves);
@@ -82,12 +70,11 @@ void setTarget(Arc& arc, const SdfPath& path) {
 }
 
 template <class Arc>
-VtValue movedArcList(const pxr::SdfListOp<Arc>& list, const PathMoves& moves,
-                     const SdfPath& owner) {
+VtValue movedArcList(const pxr::SdfListOp<Arc>& list, const PathMap& moves, const SdfPath& owner) {
     auto moved = list;
     const bool differs = moved.ModifyOperations([&](const Arc& arc) -> std::optional<Arc> {
         const SdfPath from = internalTarget(arc);
-        const auto* move = from.IsEmpty() ? nullptr : nearestMove(from, moves);
+        const auto move = moves.nearest(from);
         if (!move) return arc;
         const SdfPath to = from.ReplacePrefix(move->from, move->to);
         if (to.IsEmpty() || to.HasPrefix(owner) || owner.HasPrefix(to)) return std::nullopt;
@@ -119,12 +106,12 @@ SdfPathExpression collectExpression(const SdfPathExpression& expression, const C
 }
 
 // Sdf replaces one prefix after another. Names in between keep a moved path from being moved again.
-SdfPathExpression movedExpression(const SdfPathExpression& expression, const PathMoves& moves) {
+SdfPathExpression movedExpression(const SdfPathExpression& expression, const PathMap& moves) {
     pxr::SdfPathSet paths;
     (void)collectExpression(expression, {paths});
     PathMoves used;
     for (const auto& path : paths)
-        if (const auto* move = nearestMove(path, moves);
+        if (const auto move = moves.nearest(path);
             move && std::ranges::find(used, *move) == used.end())
             used.push_back(*move);
     if (used.empty()) return expression;
@@ -163,21 +150,12 @@ bool isExpression(const pxr::SdfLayerHandle& layer, const SdfPath& attribute) {
 
 }  // namespace
 
-SdfPath followed(const PathMoves& moves, SdfPath path) {
-    for (const auto& [from, to] : moves)
-        if (path.HasPrefix(from)) {
-            if (to.IsEmpty()) return {};
-            path = path.ReplacePrefix(from, to);
-        }
-    return path;
-}
-
-VtValue movedValue(const VtValue& value, const PathMoves& moves) {
+VtValue movedValue(const VtValue& value, const PathMap& moves) {
     if (value.IsHolding<SdfPathListOp>()) {  // most values: the targets of a property
         const auto& list = value.UncheckedGet<SdfPathListOp>();
         bool isMoved = false;
         content::forEachPath(
-            list, [&](const SdfPath& path) { isMoved = isMoved || nearestMove(path, moves); });
+            list, [&](const SdfPath& path) { isMoved = isMoved || moves.nearest(path); });
         return isMoved ? VtValue(movedList(list, moves)) : VtValue();
     }
     registerTransforms();
@@ -185,7 +163,7 @@ VtValue movedValue(const VtValue& value, const PathMoves& moves) {
     return moved == value ? VtValue() : moved;
 }
 
-VtValue movedArcs(const VtValue& value, const PathMoves& moves, const SdfPath& owner) {
+VtValue movedArcs(const VtValue& value, const PathMap& moves, const SdfPath& owner) {
     if (value.IsHolding<SdfPathListOp>())
         return movedArcList(value.UncheckedGet<SdfPathListOp>(), moves, owner);
     if (value.IsHolding<pxr::SdfReferenceListOp>())

@@ -7,26 +7,17 @@
 #include <pxr/usd/sdf/path.h>
 
 #include <set>
-#include <vector>
+
+#include "MoveSteps.h"
 
 namespace usdlive::naming {
 
-/// One move of an object. If `to` is empty, the object is deleted.
-struct PathMove {
-    pxr::SdfPath from, to;
-    bool operator==(const PathMove&) const = default;
-};
-using PathMoves = std::vector<PathMove>;
-
-/// Returns `path` after all moves, or an empty path if it is deleted.
-[[nodiscard]] pxr::SdfPath followed(const PathMoves& moves, pxr::SdfPath path);
-
 /// Returns the value with its paths moved by moves that happen at once, or an empty value if no
 /// path moves. All of them name paths before the moves. The move of the nearest prefix counts.
-[[nodiscard]] pxr::VtValue movedValue(const pxr::VtValue& value, const PathMoves& moves);
+[[nodiscard]] pxr::VtValue movedValue(const pxr::VtValue& value, const PathMap& moves);
 /// Does the same for the value of a field of arcs, of a spec that is at `owner` after the moves.
 /// Removes arcs that would lead to a prim above or below `owner`, as Pcp does.
-[[nodiscard]] pxr::VtValue movedArcs(const pxr::VtValue& value, const PathMoves& moves,
+[[nodiscard]] pxr::VtValue movedArcs(const pxr::VtValue& value, const PathMap& moves,
                                      const pxr::SdfPath& owner);
 [[nodiscard]] bool isArcField(const pxr::TfToken& field);
 /// Adds the paths in the value to `paths`. Returns false if values of this type contain no paths.

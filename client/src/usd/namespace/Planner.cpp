@@ -325,12 +325,13 @@ private:
         for (std::size_t i = 0; i < plan_.objects.size(); ++i) {
             auto& stage = i == 0 ? stage_ : *stages_.dependents[i - 1];
             const bool movesSources = i > 0 || !plan_.hasRelocates;
+            const PathMap moves(plan_.objects[i]);
             for (const auto& layer : stage.localLayers()->GetLayers())
-                if (layer->HasRelocates()) followRelocates(layer, plan_.objects[i], movesSources);
+                if (layer->HasRelocates()) followRelocates(layer, moves, movesSources);
         }
     }
 
-    void followRelocates(const SdfLayerHandle& layer, const PathMoves& moves, bool movesSources) {
+    void followRelocates(const SdfLayerHandle& layer, const PathMap& moves, bool movesSources) {
         const auto present = layer->GetRelocates();
         const auto changes = plan_.layers.find(layer);
         const auto planned =
@@ -345,9 +346,9 @@ private:
         if (relocates != planned.value_or(present)) plan_.layers[layer].relocates = relocates;
     }
 
-    // Returns the path after moves that happen at once. A path that is deleted stays.
-    [[nodiscard]] static SdfPath followed(const SdfPath& path, const PathMoves& moves) {
-        const auto moved = movedValue(pxr::VtValue(path), moves).GetWithDefault<SdfPath>();
+    // A path that is deleted stays.
+    [[nodiscard]] static SdfPath followed(const SdfPath& path, const PathMap& moves) {
+        const auto moved = moves.after(path);
         return moved.IsEmpty() ? path : moved;
     }
 
@@ -421,6 +422,44 @@ private:
 };
 
 }  // namespace
+
+bool Plan::concernsMore() const {
+    return hasRelocates ||
+           std::ranges::any_of(reportedDeleted, [](const auto& paths) { return !paths.empty(); }) ||
+           std::ranges::any_of(
+               layers, [](const auto& layer) { return layer.second.relocates.has_value(); });
+}
+
+std::vector<PathMoves> Plan::touched() const {
+    auto all = objects;
+    for (const auto& [layer, changes] : layers) {
+        all.push_back(changes.moves);
+        auto& arcs = all.emplace_back();
+        for (const auto& arc : changes.arcs) arcs.push_back({arc.path, SdfPath()});
+    }
+    return all;
+}
+
+std::vector<Step> inSteps(const std::vector<Plan>& plans) {
+    MoveSteps steps;
+    std::vector<Step> made(1);
+    for (std::size_t plan = 0; plan < plans.size(); ++plan) {
+        std::vector<const PathMoves*> layers;
+        for (const auto& [layer, changes] : plans[plan].layers) layers.push_back(&changes.moves);
+        const auto numbers = steps.add(layers);
+        made.resize(std::max(made.size(), steps.count()));
+        std::size_t index = 0;
+        for (const auto& [layer, changes] : plans[plan].layers) {
+            for (std::size_t i = 0; i < changes.moves.size(); ++i) {
+                Step& step = made[numbers[index][i]];
+                if (step.empty() || step.back().plan != plan) step.push_back({plan, {}});
+                step.back().moves[layer].push_back(changes.moves[i]);
+            }
+            ++index;
+        }
+    }
+    return made;
+}
 
 Plan planEdit(const Stages& stages, const Edit& edit, const NamespaceEditOptions& options) {
     return Planner(stages, edit, options).make();

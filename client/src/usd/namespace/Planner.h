@@ -43,7 +43,21 @@ struct Plan {
     std::vector<pxr::SdfLayerHandleVector> localLayers;
     bool hasRelocates = false;  // true if relocates also move the opinions over arcs
     std::vector<std::string> errors, warnings;
+
+    /// Returns true if the edit may have effects at other places than touched().
+    [[nodiscard]] bool concernsMore() const;
+    /// Returns all moves of specs and objects, and the specs whose arcs change, as deleted ones.
+    [[nodiscard]] std::vector<PathMoves> touched() const;
 };
+
+/// The moves of one edit in one step (MoveSteps).
+struct StepEdit {
+    std::size_t plan = 0;  ///< its index
+    std::map<pxr::SdfLayerHandle, PathMoves> moves;
+};
+using Step = std::vector<StepEdit>;
+/// Returns the steps of the plans, at least one.
+[[nodiscard]] std::vector<Step> inSteps(const std::vector<Plan>& plans);
 
 struct Stages {
     ComposedStage* edited = nullptr;

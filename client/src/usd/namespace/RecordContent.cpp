@@ -4,7 +4,7 @@
 #include <pxr/usd/sdf/changeBlock.h>
 #include <pxr/usd/sdf/copyUtils.h>
 #include <pxr/usd/sdf/primSpec.h>
-#include <pxr/usd/sdf/propertySpec.h>
+#include <pxr/usd/sdf/schema.h>
 
 #include <algorithm>
 #include <memory>
@@ -14,198 +14,234 @@
 #include "usd/content/LayerEdits.h"
 #include "usd/content/ListMerge.h"
 #include "usd/content/SpecEdits.h"
+#include "usdlive/client/usd/Misuse.h"
 #include "usdlive/client/usd/content/Registers.h"
 
 namespace usdlive {
 
-using content::Kept;
-using naming::PathMoves;
 using pxr::SdfLayerHandle;
+using pxr::SdfLayerRefPtr;
 using pxr::SdfPath;
 using pxr::VtValue;
 
-NamespaceRecord::Content::Content(naming::Application::Layers layers) : layers_(std::move(layers)) {
-    for (const auto& [layer, edits] : layers_) {
-        PathMoves made;
-        for (std::size_t i = 0; i < edits.moves.size(); ++i) {
-            const auto& move = edits.moves[i];
-            const SdfPath from = naming::pathBefore(made, move.from);
-            made.push_back(move);
-            if (from.IsEmpty()) continue;
-            if (naming::isDeletedBy(edits.moves, i)) keepDeleted(layer, from);
-            if (move.from.IsPrimPath()) keepOrder(layer, from.GetParentPath());
-            if (move.to.IsEmpty()) continue;
-            made.pop_back();
-            for (const SdfPath& prefix :
-                 naming::pathBefore(made, move.to.GetParentPath()).GetPrefixes())
-                if (!layer->HasSpec(prefix)) madeOvers_.emplace_back(layer, prefix);
-            made.push_back(move);
-        }
-        removeSurvivors(layer, edits.moves);
+namespace {
+
+constexpr const char* kGone = "it is no longer there";
+constexpr const char* kMadeAnew = "another one has made it anew";
+
+// Returns the reason why a spec cannot go back, or an empty string.
+std::string refusal(const SdfLayerRefPtr& layer, const naming::PathMove& move) {
+    if (!layer->PermissionToEdit()) return "the layer is not editable";
+    if (move.to.IsEmpty()) {
+        if (!layer->HasSpec(move.from.GetParentPath())) return "what it was in is no longer there";
+    } else if (!layer->HasSpec(move.to)) {
+        return kGone;
     }
+    return layer->HasSpec(move.from) ? kMadeAnew : std::string();
 }
 
-void NamespaceRecord::Content::keepDeleted(const pxr::SdfLayerRefPtr& layer, const SdfPath& path) {
-    if (!layer->HasSpec(path)) return;
-    auto copy = pxr::SdfLayer::CreateAnonymous(".usda");
-    const SdfPath owner = path.GetParentPath();
-    if (owner != SdfPath::AbsoluteRootPath()) pxr::SdfJustCreatePrimInLayer(copy, owner);
-    pxr::SdfCopySpec(layer, path, copy, path);
-    deleted_.push_back({layer, path, std::move(copy)});
+template <class Visit>
+void forEachMove(const std::map<SdfLayerHandle, naming::PathMoves>& layers, const Visit& visit) {
+    for (const auto& [layer, moves] : layers)
+        for (const auto& move : moves) visit(SdfLayerRefPtr(layer), move);
 }
 
-// Removes specs from the copies that were moved out before the delete. They return by their own
-// moves.
-void NamespaceRecord::Content::removeSurvivors(const pxr::SdfLayerRefPtr& layer,
-                                               const PathMoves& moves) {
-    PathMoves made;
-    for (std::size_t i = 0; i < moves.size(); ++i) {
-        const SdfPath from = naming::pathBefore(made, moves[i].from);
-        made.push_back(moves[i]);
-        if (from.IsEmpty() || naming::isDeletedBy(moves, i)) continue;
-        for (const auto& deleted : deleted_)
-            if (deleted.layer == layer && from.HasPrefix(deleted.path))
-                content::removeSpec(deleted.copy, from);
-    }
-}
+}  // namespace
 
-// Restores the last deleted spec first, because an earlier one may have been inside a later one.
-// The early pass restores specs that moves may lead into, and only if their owner has not moved.
-void NamespaceRecord::Content::restoreDeleted(bool early, std::set<std::size_t>& restored,
-                                              std::vector<Kept>& kept) const {
-    const auto cameWithAnother = [&](std::size_t i) {
-        return std::ranges::any_of(restored, [&](std::size_t other) {
-            return deleted_[other].layer == deleted_[i].layer &&
-                   deleted_[i].path.HasPrefix(deleted_[other].path);
-        });
-    };
-    for (std::size_t i = deleted_.size(); i-- > 0;) {
-        const auto& [layer, path, copy] = deleted_[i];
-        const SdfPath owner = path.GetParentPath();
-        const bool hasOwner = layer->HasSpec(owner);
-        if (restored.contains(i) ||
-            (early && naming::followed(layers_.at(layer).moves, owner) != owner))
-            continue;
-        if (hasOwner && !layer->HasSpec(path)) {
-            pxr::SdfCopySpec(copy, path, layer, path);
-            restored.insert(i);
-        } else if (!early && !cameWithAnother(i)) {
-            kept.push_back(
-                {layer->GetIdentifier(),
-                 path,
-                 {},
-                 {},
-                 hasOwner ? "another one has made it anew" : "what it was in is no longer there"});
+NamespaceRecord::Content::Content(naming::Changes changes)
+    : changes_(std::move(changes)), staying_(changes_.steps.size()) {}
+
+const NamespaceRecord::Content::LayerMoves& NamespaceRecord::Content::begin(std::size_t step) {
+    Done& done = done_.emplace_back();
+    for (const auto& edit : changes_.steps[step])
+        for (const auto& [layer, moves] : edit.moves) {
+            auto& all = done.moves[layer];
+            all.insert(all.end(), moves.begin(), moves.end());
         }
-    }
-}
-
-void NamespaceRecord::Content::finish() {
-    for (const auto& [layer, orders] : order_)
-        for (const auto& [path, order] : orders) {
-            const SdfPath now = naming::followed(layers_.at(layer).moves, path);
-            if (!now.IsEmpty() && !layer->HasSpec(now)) cleanedUp_.emplace_back(layer, path);
+    for (const auto& [layer, moves] : done.moves)
+        for (const auto& move : moves) {
+            keepParents(done, layer, move);
+            if (!move.to.IsEmpty() || !layer->HasSpec(move.from)) continue;
+            auto& copy = done.deleted[layer];
+            if (!copy) copy = pxr::SdfLayer::CreateAnonymous(".usda");
+            const SdfPath owner = move.from.GetParentPath();
+            if (owner != SdfPath::AbsoluteRootPath()) pxr::SdfJustCreatePrimInLayer(copy, owner);
+            pxr::SdfCopySpec(layer, move.from, copy, move.from);
         }
+    return done.moves;
 }
 
-// Also records the prims above, which may be removed when nothing is left in them.
-void NamespaceRecord::Content::keepOrder(const pxr::SdfLayerRefPtr& layer, const SdfPath& parent) {
-    for (SdfPath at = parent; !at.IsEmpty(); at = at.GetParentPath())
-        if (layer->HasSpec(at)) order_[layer].try_emplace(at, content::primChildren(layer, at));
+// Records the children of the prims above, which may be removed when nothing is left in them.
+void NamespaceRecord::Content::keepParents(Done& done, const SdfLayerRefPtr& layer,
+                                           const naming::PathMove& move) {
+    if (move.from.IsPrimPath() || move.from.IsPrimVariantSelectionPath())
+        for (SdfPath at = move.from.GetParentPath(); !at.IsEmpty(); at = at.GetParentPath()) {
+            const LayerPath parent(layer, at);
+            if (done.order.contains(parent)) break;
+            if (layer->HasSpec(at)) done.order[parent] = content::primChildren(layer, at);
+        }
+    if (move.to.IsEmpty()) return;
+    pxr::SdfPathVector missing;
+    for (SdfPath at = move.to.GetParentPath(); !at.IsEmpty() && !layer->HasSpec(at);
+         at = at.GetParentPath())
+        missing.push_back(at);
+    for (const SdfPath& path : std::views::reverse(missing))
+        done.madeOvers.push_back({layer, path});
+}
+
+void NamespaceRecord::Content::end(std::size_t step) {
+    Done& done = done_[step];
+    for (const auto& [parent, order] : done.order)
+        if (!parent.first->HasSpec(parent.second)) done.cleanedUp.push_back(parent);
 }
 
 std::vector<SdfLayerHandle> NamespaceRecord::Content::layers() const {
     std::vector<SdfLayerHandle> layers;
-    for (const auto& [layer, edits] : layers_) layers.push_back(layer);
+    for (const auto& layer : changes_.layers()) layers.push_back(layer);
     return layers;
 }
 
-std::vector<Kept> NamespaceRecord::Content::undo(const content::Record::IsShared& isShared) const {
-    const pxr::SdfChangeBlock block;
-    std::vector<Kept> kept;
-    std::set<std::size_t> restored;
-    for (const auto& [layer, edits] : layers_) undoFields(layer, edits, !isShared(layer), kept);
-    restoreDeleted(true, restored, kept);
-    for (const auto& [layer, edits] : layers_) undoMoves(layer, edits, kept);
-    for (const auto& [layer, path] : cleanedUp_)
-        if (!layer->HasSpec(path)) pxr::SdfJustCreatePrimInLayer(layer, path);
-    restoreDeleted(false, restored, kept);
-    for (const auto& [layer, path] : std::views::reverse(madeOvers_))
-        if (const auto prim = layer->GetPrimAtPath(path); prim && prim->IsInert())
-            content::removeSpec(layer, path);  // and no parents, as RemovePrimIfInert() does
-    for (const auto& [layer, edits] : layers_) arrangeChildren(layer);
+std::vector<content::Kept> NamespaceRecord::Content::undo(
+    const content::Record::IsShared& isShared) {
+    if (std::this_thread::get_id() != thread_)
+        throw Misuse({ErrorCode::InvalidEdit,
+                      "NamespaceRecord: undo was called on another thread than the one that made "
+                      "the edits"});
+    Kept kept;
+    for (std::size_t step = done_.size(); step-- > 0;) {
+        const pxr::SdfChangeBlock block;
+        undoStep(step, kept);
+        if (step == 0) undoFields(isShared, kept);
+    }
+    changes_ = {};
+    done_.clear();
     return kept;
 }
 
-void NamespaceRecord::Content::undoFields(const SdfLayerHandle& layer, const LayerEdits& edits,
-                                          bool force, std::vector<Kept>& kept) const {
-    for (const auto& edit : std::views::reverse(edits.fields)) {
-        if (!layer->HasSpec(edit.path)) {
-            kept.push_back(
-                {layer->GetIdentifier(), edit.path, edit.field, {}, "it is no longer there"});
-            continue;
-        }
-        for (const auto& change : content::changesBetween(edit.path, {{edit.field, edit.oldValue}},
-                                                          {{edit.field, edit.value}})) {
-            const auto write = [&](const VtValue& value) {
-                content::writeRegister(layer, edit.path, edit.field, change.part, value);
-            };
-            const auto present = content::readRegister(layer, edit.path, edit.field, change.part);
-            if (force || content::isSame(present, change.after))
-                write(change.before);
-            else if (const auto merged = content::undoneList(present, change.after, change.before))
-                write(*merged);
-            else if (!content::isSame(present, change.before))
-                kept.push_back({layer->GetIdentifier(), edit.path, edit.field, change.part,
-                                "it was written by another one since"});
-        }
+void NamespaceRecord::Content::undoStep(std::size_t step, Kept& kept) {
+    const Done& done = done_[step];
+    for (const auto& [layer, path] : done.cleanedUp)
+        if (!layer->HasSpec(path)) pxr::SdfJustCreatePrimInLayer(layer, path);
+    undoMoves(step, kept);
+    for (const auto& [layer, path] : std::views::reverse(done.madeOvers))
+        if (const auto prim = layer->GetPrimAtPath(path); prim && prim->IsInert())
+            content::removeSpec(layer, path);  // and no parents, as RemovePrimIfInert() does
+    for (const auto& [parent, order] : done.order) {
+        const auto& [layer, path] = parent;
+        if (layer->HasSpec(path) && content::primChildren(layer, path) != order)
+            content::arrange(layer, path, order, {order.begin(), order.end()});
     }
 }
 
-// Objects that were deleted later are not moved back. restoreDeleted() restores them at their first
-// path. Overs that become empty stay, because some were empty before; undo() removes those that the
-// batch made.
-void NamespaceRecord::Content::undoMoves(const SdfLayerHandle& layer, const LayerEdits& edits,
-                                         std::vector<Kept>& kept) const {
-    PathMoves back;
-    for (std::size_t i = edits.moves.size(); i-- > 0;) {
-        const auto& [from, to] = edits.moves[i];
-        if (naming::isDeletedBy(edits.moves, i)) continue;
-        back.push_back({to, from});
+// The moves of one edit go back in all layers or in none. What it deleted is restored where this is
+// possible.
+void NamespaceRecord::Content::undoMoves(std::size_t step, Kept& kept) {
+    LayerMoves back;
+    std::vector<LayerPath> restored;
+    for (const auto& [plan, layers] : changes_.steps[step]) {
+        bool stays = stays_.contains(plan);
+        std::set<LayerPath> refused;
+        forEachMove(layers, [&](const auto& layer, const auto& move) {
+            auto reason = refusal(layer, move);
+            if (reason.empty()) return;
+            const SdfPath& path = move.to.IsEmpty() ? move.from : move.to;
+            kept.push_back({layer->GetIdentifier(), path, {}, {}, std::move(reason)});
+            refused.insert({layer, move.from});
+            stays = stays || !move.to.IsEmpty();
+        });
+        bool isUndone = layers.empty();
+        forEachMove(layers, [&](const auto& layer, const auto& move) {
+            if (stays || refused.contains({layer, move.from})) {
+                staying_[step][layer].add(move);
+                return;
+            }
+            isUndone = true;
+            if (move.to.IsEmpty())
+                restored.push_back({layer, move.from});
+            else
+                back[layer].push_back({move.to, move.from});
+        });
+        if (!isUndone) stays_.insert(plan);
     }
-    const auto refusal = [&](const naming::PathMove& move) -> std::string {
-        if (!layer->HasSpec(move.from)) return "it is no longer there";
-        return layer->HasSpec(move.to) ? "another one has made it anew" : std::string();
+    for (const auto& [layer, moves] : back)
+        (void)naming::moveSpecs(layer, moves, naming::EmptiedOvers::Keep);
+    for (const auto& [layer, path] : restored)
+        if (const auto copy = done_[step].deleted.find(layer); copy != done_[step].deleted.end())
+            pxr::SdfCopySpec(copy->second, path, layer, path);
+}
+
+// Relocates move objects, too. If they stay, so does what refers to the objects.
+void NamespaceRecord::Content::undoFields(const content::Record::IsShared& isShared, Kept& kept) {
+    const auto undoAll = [&](bool relocates) {
+        for (const auto& [layer, edits] : changes_.fields)
+            for (const auto& edit : std::views::reverse(edits))
+                if (relocates == (edit.field == pxr::SdfFieldKeys->LayerRelocates))
+                    undoField(layer, edit, !isShared(layer), kept);
     };
-    if (back.size() == 1) {
-        if (auto reason = refusal(back.front()); !reason.empty())
-            kept.push_back({layer->GetIdentifier(), back.front().from, {}, {}, std::move(reason)});
-        else
-            (void)naming::moveSpecs(layer, back, naming::EmptiedOvers::Keep);
-        return;
-    }
-    if (naming::canMoveSpecs(layer, back)) {
-        (void)naming::moveSpecs(layer, back, naming::EmptiedOvers::Keep);
-        return;
-    }
-    for (const auto& move : back)
-        if (auto reason = refusal(move); !reason.empty())
-            kept.push_back({layer->GetIdentifier(), move.from, {}, {}, std::move(reason)});
-        else
-            (void)naming::moveSpecs(layer, {move}, naming::EmptiedOvers::Keep);
+    const std::size_t before = kept.size();
+    undoAll(true);
+    if (kept.size() > before)
+        for (std::size_t plan = 0; plan < changes_.objects.size(); ++plan)
+            if (changes_.objects[plan].hasRelocates) stays_.insert(plan);
+    undoAll(false);
 }
 
-void NamespaceRecord::Content::arrangeChildren(const SdfLayerHandle& layer) const {
-    const auto orders = order_.find(layer);
-    if (orders == order_.end()) return;
-    for (const auto& [parent, order] : orders->second)
-        if (content::primChildren(layer, parent) != order)
-            content::arrange(layer, parent, order, {order.begin(), order.end()});
+SdfPath NamespaceRecord::Content::pathNow(const SdfLayerRefPtr& layer, SdfPath path) const {
+    for (const auto& step : staying_)
+        if (const auto moves = step.find(layer); moves != step.end() && !path.IsEmpty())
+            path = moves->second.after(path);
+    return path;
+}
+
+// Returns the old value with the paths of the objects that stay at their new place.
+VtValue NamespaceRecord::Content::valueBefore(const SdfLayerRefPtr& layer,
+                                              const naming::FieldEdit& edit,
+                                              const SdfPath& owner) const {
+    if (stays_.empty()) return edit.oldValue;
+    std::map<std::size_t, naming::PathMap> steps;
+    for (const std::size_t plan : stays_) {
+        const auto& objects = changes_.objects[plan];
+        for (std::size_t stage = 0; stage < objects.moves.size(); ++stage)
+            if (std::ranges::find(objects.localLayers[stage], SdfLayerHandle(layer)) !=
+                objects.localLayers[stage].end())
+                for (const auto& move : objects.moves[stage]) steps[objects.step].add(move);
+    }
+    VtValue value = edit.oldValue;
+    for (const auto& [step, moves] : steps) {
+        auto next = naming::isArcField(edit.field)
+                        ? naming::movedArcs(value, moves, owner.StripAllVariantSelections())
+                        : naming::movedValue(value, moves);
+        if (!next.IsEmpty()) value = std::move(next);
+    }
+    return value;
+}
+
+void NamespaceRecord::Content::undoField(const SdfLayerRefPtr& layer, const naming::FieldEdit& edit,
+                                         bool force, Kept& kept) {
+    const SdfPath path = pathNow(layer, edit.before);
+    if (path.IsEmpty() || !layer->HasSpec(path)) {
+        kept.push_back({layer->GetIdentifier(), edit.path, edit.field, {}, kGone});
+        return;
+    }
+    const VtValue before = valueBefore(layer, edit, path);
+    for (const auto& change :
+         content::changesBetween(path, {{edit.field, before}}, {{edit.field, edit.value}})) {
+        const auto write = [&](const VtValue& value) {
+            content::writeRegister(layer, path, edit.field, change.part, value);
+        };
+        const auto present = content::readRegister(layer, path, edit.field, change.part);
+        if (force || content::isSame(present, change.after))
+            write(change.before);
+        else if (const auto merged = content::undoneList(present, change.after, change.before))
+            write(*merged);
+        else if (!content::isSame(present, change.before))
+            kept.push_back({layer->GetIdentifier(), path, edit.field, change.part,
+                            "it was written by another one since"});
+    }
 }
 
 NamespaceRecord::NamespaceRecord() = default;
-NamespaceRecord::NamespaceRecord(std::shared_ptr<const Content> content)
-    : content_(std::move(content)) {}
+NamespaceRecord::NamespaceRecord(std::shared_ptr<Content> content) : content_(std::move(content)) {}
 
 bool NamespaceRecord::isEmpty() const { return !content_ || content_->layers().empty(); }
 
@@ -213,8 +249,8 @@ std::vector<SdfLayerHandle> NamespaceRecord::layers() const {
     return content_ ? content_->layers() : std::vector<SdfLayerHandle>();
 }
 
-std::vector<Kept> NamespaceRecord::undo(const content::Record::IsShared& isShared) const {
-    return content_ ? content_->undo(isShared) : std::vector<Kept>();
+std::vector<content::Kept> NamespaceRecord::undo(const content::Record::IsShared& isShared) const {
+    return content_ ? content_->undo(isShared) : std::vector<content::Kept>();
 }
 
 }  // namespace usdlive

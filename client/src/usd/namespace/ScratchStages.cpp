@@ -167,14 +167,28 @@ std::unique_ptr<ComposedStage> ScratchStages::compose(ComposedStage& stage) cons
 }
 
 void ScratchStages::apply(const Plan& plan) const {
-    const pxr::SdfChangeBlock block;
+    const auto steps = inSteps({plan});
+    for (std::size_t i = 0; i < steps.size(); ++i) {
+        const pxr::SdfChangeBlock block;
+        if (i == 0) setArcs(plan);
+        for (const auto& edit : steps[i])
+            for (const auto& [original, moves] : edit.moves)
+                (void)moveSpecs(copies_.at(original).layer, moves);
+        if (i + 1 == steps.size()) setRelocates(plan);
+    }
+}
+
+void ScratchStages::setArcs(const Plan& plan) const {
     for (const auto& [original, changes] : plan.layers) {
         const auto& [layer, toOriginal, toCopy] = copies_.at(original);
         for (const auto& arc : changes.arcs)
             layer->SetField(arc.path, arc.field, withRenamedAssets(arc.value, toCopy));
-        (void)moveSpecs(layer, changes.moves);
-        if (changes.relocates) layer->SetRelocates(*changes.relocates);
     }
+}
+
+void ScratchStages::setRelocates(const Plan& plan) const {
+    for (const auto& [original, changes] : plan.layers)
+        if (changes.relocates) copies_.at(original).layer->SetRelocates(*changes.relocates);
 }
 
 Plan ScratchStages::toReal(Plan plan) const {

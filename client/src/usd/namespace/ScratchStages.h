@@ -34,6 +34,8 @@ private:
     };
     using Composed = std::vector<std::unique_ptr<ComposedStage>>;
 
+    void setArcs(const Plan& plan) const;
+    void setRelocates(const Plan& plan) const;
     void chooseLayers(const std::vector<ComposedStage*>& stages);
     void redirect(const std::vector<ComposedStage*>& stages);
     [[nodiscard]] std::string redirected(const pxr::SdfLayerHandle& layer, const std::string& path,

@@ -7,6 +7,7 @@
 #include <pxr/usd/sdf/pathExpression.h>
 #include <pxr/usd/sdf/schema.h>
 
+#include <optional>
 #include <ranges>
 #include <set>
 
@@ -97,18 +98,23 @@ VtValue mergedOver(VtValue strong, const VtValue& weak) {
     return strong;
 }
 
-// Applies the list operations of all sites to an empty list. The result is one explicit list.
+// Composes the list operations of all sites. As in pxr.Usd, a weaker one is left out if it cannot
+// be composed with the stronger ones, because one of the two adds or reorders. The result is one
+// explicit list.
 template <class ListOp>
 VtValue applied(const PcpPrimIndex& index, const TfToken& property, const TfToken& field) {
-    std::vector<ListOp> operations;
+    std::optional<ListOp> composed;
     forEachSite(index, property, [&](const Site& site) {
-        ListOp operation;
-        if (site.layer->HasField(site.path, field, &operation))
-            operations.push_back(std::move(operation));
-        return true;
+        ListOp weaker;
+        if (!site.layer->HasField(site.path, field, &weaker)) return true;
+        if (!composed)
+            composed = std::move(weaker);
+        else if (auto both = composed->ApplyOperations(weaker))
+            composed = std::move(both);
+        return !composed->IsExplicit();
     });
     typename ListOp::ItemVector items;
-    for (const auto& operation : std::views::reverse(operations)) operation.ApplyOperations(&items);
+    if (composed) composed->ApplyOperations(&items);
     ListOp result;
     result.SetExplicitItems(items);
     return VtValue::Take(result);

@@ -155,7 +155,12 @@ pxr::VtValue Stage::metadata(const TfToken& field) const {
 
 bool Stage::hasTimeRange() const {
     const auto has = [](const pxr::SdfLayer& layer) {
-        return layer.HasStartTimeCode() && layer.HasEndTimeCode();
+        const auto hasField = [&](const TfToken& field) {
+            return layer.HasField(SdfPath::AbsoluteRootPath(), field);
+        };
+        return (hasField(pxr::SdfFieldKeys->StartTimeCode) &&
+                hasField(pxr::SdfFieldKeys->EndTimeCode)) ||
+               (hasField(pxr::SdfFieldKeys->StartFrame) && hasField(pxr::SdfFieldKeys->EndFrame));
     };
     return has(*state_->rootLayer) || has(*state_->sessionLayer);
 }

@@ -22,7 +22,7 @@ AccessPolicy::AccessPolicy(const Facts& facts, std::set<UserName> administrators
     : facts_(facts),
       administrators_(std::move(administrators)),
       takeoverMs_(takeoverMs),
-      startedMs_(facts.wallClockMs()) {}
+      startedMs_(facts.steadyMs()) {}
 
 Subject AccessPolicy::subject(UserName user) const {
     const bool isAdministrator = administrators_.contains(user);
@@ -40,13 +40,13 @@ bool AccessPolicy::isFree(const LayerLock& lock) const {
     if (facts_->isUserConnected(lock.holder)) return false;
     const auto left = leftMs_.find(lock.holder);
     const std::int64_t since = left == leftMs_.end() ? startedMs_ : left->second;
-    return facts_->wallClockMs() - since >= takeoverMs_;
+    return facts_->steadyMs() - since >= takeoverMs_;
 }
 
 void AccessPolicy::left(const Session& session) {
     constexpr std::size_t kMostKept = 1'000;
     if (session.subject.user.empty()) return;
-    const std::int64_t now = facts_->wallClockMs();
+    const std::int64_t now = facts_->steadyMs();
     // Forgets users whose locks are free.
     if (leftMs_.size() >= kMostKept)
         std::erase_if(leftMs_,

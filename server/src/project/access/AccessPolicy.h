@@ -33,7 +33,7 @@ public:
         [[nodiscard]] virtual LayerLock lockAt(const LayerId& layer) const = 0;
         /// Returns whether the user has a session.
         [[nodiscard]] virtual bool isUserConnected(const UserName& user) const = 0;
-        [[nodiscard]] virtual std::int64_t wallClockMs() const = 0;
+        [[nodiscard]] virtual std::int64_t steadyMs() const = 0;
     };
     /// `takeoverMs` is the time after which others may end a lock whose holder is not connected.
     AccessPolicy(const Facts& facts, std::set<UserName> administrators, std::int64_t takeoverMs);

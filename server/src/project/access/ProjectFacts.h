@@ -22,7 +22,7 @@ public:
     [[nodiscard]] bool isUserConnected(const UserName& user) const override {
         return sessions_->isUserConnected(user);
     }
-    [[nodiscard]] std::int64_t wallClockMs() const override { return clock_->wallClockMs(); }
+    [[nodiscard]] std::int64_t steadyMs() const override { return clock_->steadyMs(); }
 
 private:
     Wire<const HistoryLine> line_;

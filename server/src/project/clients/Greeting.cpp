@@ -5,6 +5,8 @@
 #include <cctype>
 #include <utility>
 
+#include "usdlive/common/core/ClientSecret.h"
+
 namespace usdlive::server {
 
 namespace {
@@ -19,16 +21,14 @@ bool isClientId(const std::string& text) {
            });
 }
 
-std::vector<std::string> common(const std::vector<std::string>& asked) {
-    std::vector<std::string> both;
-    for (const std::string& feature : protocolFeatures())
-        if (std::find(asked.begin(), asked.end(), feature) != asked.end()) both.push_back(feature);
-    return both;
-}
-
 int commonProtocol(const Hello& hello) {
     const int newest = std::min(hello.protocol, kProtocolVersion);
     return newest >= std::max(hello.oldestProtocol, kOldestProtocolVersion) ? newest : 0;
+}
+
+/// The client knows the answers to all transactions that it sent before this revision (M14).
+Revision unansweredSince(const Hello::Resume& resume) {
+    return resume.unansweredSince.value_or(resume.revision);
 }
 
 Error staleBase(std::string message) { return {ErrorCode::StaleBase, std::move(message)}; }
@@ -37,6 +37,7 @@ Error staleBase(std::string message) { return {ErrorCode::StaleBase, std::move(m
 
 Greeting::Greeting(const Project::Options& options, const Parts& parts)
     : options_(options),
+      identity_(parts.identity),
       line_(parts.line),
       start_(parts.start),
       store_(parts.store),
@@ -49,6 +50,7 @@ Greeting::Greeting(const Project::Options& options, const Parts& parts)
       catchup_(parts.catchup),
       gestures_(parts.gestures),
       access_(parts.access),
+      outbox_(parts.outbox),
       activity_(parts.activity),
       receiver_(parts.receiver) {}
 
@@ -63,17 +65,41 @@ void Greeting::greet(Session& session, const Hello& hello) {
     if (!isClientId(hello.client.value))
         return sessions_->close(session, {ErrorCode::MalformedControl,
                                           "a client's id is 1 to 64 letters, digits, '-' or '_'"});
+    if (needsSecret(hello.client) &&
+        (!hello.secret || clientIdOf(*hello.secret) != hello.client))  // ID5
+        return sessions_->close(session,
+                                {ErrorCode::InvalidArgument,
+                                 "the client id " + hello.client.value +
+                                     " belongs to whoever has its secret, which was not sent"});
     supersede(hello.client);
+    if (sessions_->clients() >= options_->maxSessions)
+        return sessions_->close(
+            session, {ErrorCode::TooManySessions, "the project has " +
+                                                      std::to_string(options_->maxSessions) +
+                                                      " sessions, which is the limit"});
     session.client = hello.client;
     session.subject = access_->subject(hello.user);
     session.application = hello.application;
-    for (std::string& feature : common(hello.features)) session.features.insert(std::move(feature));
-    session.phase = CheckingResume{hello, {}, 0};
+    for (std::string& feature : features(session.id, hello))
+        session.features.insert(std::move(feature));
+    Hello proved = hello;
+    proved.secret.reset();
+    session.phase = CheckingResume{std::move(proved), {}, 0};
     authors_->read(session.client);
     if (hello.resume)
         checkResume(session);
     else
         welcome(session, std::nullopt);
+}
+
+/// Returns the features that both ends have, and that the transport of the session can carry.
+std::vector<std::string> Greeting::features(SessionId session, const Hello& hello) const {
+    std::vector<std::string> both;
+    for (const std::string& feature : protocolFeatures())
+        if (std::ranges::count(hello.features, feature) > 0 &&
+            (feature != kCompactFeature || !outbox_->isMulticast(session)))
+            both.push_back(feature);
+    return both;
 }
 
 /// Closes the client's earlier connection. It may still deliver messages, which would be executed
@@ -107,45 +133,62 @@ void Greeting::checkResume(Session& session) {
     const auto& resume = *std::get<CheckingResume>(session.phase).hello.resume;
     const bool isKnown = authors_->of(session.client).committed.has_value();
     if (!isKnown && !store_->closed) return;  // called again when it is known
-    if (!isKnown && resume.revision < authors_->forgottenUpTo())
+    if (auto why = otherHistory(resume)) return welcome(session, std::move(why));
+    if (!isKnown && unansweredSince(resume) < authors_->forgottenUpTo())
         return sessions_->close(session, {ErrorCode::StorageFailed, "the store has failed"});
-    if (auto why = whyNotResumable(session, resume)) return welcome(session, std::move(why));
     const auto hash =
         start_->whyNotReadable(resume.revision) ? std::nullopt : catchup_->hashAt(resume.revision);
-    if (!hash && resume.revision <= start_->oldest())
-        return welcome(session, staleBase("revision " + std::to_string(resume.revision) +
-                                          " is too old to resume from: the history begins "
-                                          "at " +
-                                          std::to_string(start_->oldest())));
-    if (hash)
-        resumeChecked(session, *hash);
-    else
-        reads_->request(session.id, {ReadPurpose::ResumeCheck, resume.revision, resume.revision});
+    if (hash) return resumeChecked(session, *hash);
+    if (resume.revision > start_->oldest())
+        return reads_->request(session.id,
+                               {ReadPurpose::ResumeCheck, resume.revision, resume.revision});
+    auto why = whyNotResumable(session, resume);
+    if (!why)
+        why = staleBase("revision " + std::to_string(resume.revision) +
+                        " is too old to resume from: the history begins at " +
+                        std::to_string(start_->oldest()));
+    welcome(session, std::move(why));
 }
 
+/// ID2: returns how the client's history differs from that of the server, as far as it can be known
+/// without reading commits.
+std::optional<Error> Greeting::otherHistory(const Hello::Resume& resume) const {
+    const auto diverged = [](std::string message) {
+        return Error{ErrorCode::HistoryDiverged, std::move(message)};
+    };
+    if (resume.store && isOtherStore(*resume.store, *identity_))
+        return diverged("the client has the history of another project");
+    if (resume.epoch > line_->epoch())
+        return diverged("the client has seen epoch " + std::to_string(resume.epoch) +
+                        ", this server has " + std::to_string(line_->epoch()));
+    if (resume.revision > line_->durable())
+        return Error{ErrorCode::FutureRevision,
+                     "the client is at revision " + std::to_string(resume.revision) +
+                         ", the server at " + std::to_string(line_->durable())};
+    return std::nullopt;
+}
+
+/// Returns why a client with the same history has to open its layers again.
 std::optional<Error> Greeting::whyNotResumable(const Session& session,
                                                const Hello::Resume& resume) const {
+    if (auto forgotten = whyForgotten(session, resume)) return forgotten;
     const std::string at = "revision " + std::to_string(resume.revision);
-    const Revision newest = line_->durable();
-    const auto& known = authors_->of(session.client).committed;
-    if (known && known->mayLack(resume.revision))
-        return Error{ErrorCode::ClientForgotten,
-                     "this client was away since " + at +
-                         ", and the server no longer knows its transactions"};
-    if (resume.epoch > line_->epoch())
-        return Error{ErrorCode::HistoryDiverged,
-                     "the client has seen epoch " + std::to_string(resume.epoch) +
-                         ", this server has " + std::to_string(line_->epoch())};
-    if (resume.revision > newest)
-        return Error{ErrorCode::FutureRevision,
-                     "the client is at " + at + ", the server at " + std::to_string(newest)};
     const Revision inParts = catchup_->newestInParts();
     if (resume.revision < inParts && !session.features.contains(kPartsFeature))
         return staleBase("commit " + std::to_string(inParts) +
                          " is sent in parts, which the client cannot read");
-    if (newest - resume.revision > kMaxResumeCommits)
+    if (line_->durable() - resume.revision > kMaxResumeCommits)
         return staleBase(at + " is too old to resume from");
     return std::nullopt;
+}
+
+std::optional<Error> Greeting::whyForgotten(const Session& session,
+                                            const Hello::Resume& resume) const {
+    const auto& known = authors_->of(session.client).committed;
+    if (!known || !known->mayLack(unansweredSince(resume))) return std::nullopt;
+    return Error{ErrorCode::ClientForgotten,
+                 "this client was away since revision " + std::to_string(unansweredSince(resume)) +
+                     ", and the server no longer knows its transactions"};
 }
 
 void Greeting::resumeRead(SessionId id, const Result<std::vector<StoredCommit>>& commits) {
@@ -161,7 +204,7 @@ void Greeting::resumeChecked(Session& session, const Result<Hash>& hash) {
         return sessions_->close(session, hash.error());
     if (!hash) return welcome(session, hash.error());
     const auto& resume = *checking->hello.resume;
-    if (*hash == resume.hash) return welcome(session, std::nullopt);
+    if (*hash == resume.hash) return welcome(session, whyNotResumable(session, resume));
     welcome(session, Error{ErrorCode::HistoryDiverged,
                            "at revision " + std::to_string(resume.revision) +
                                " the client has another history than the server"});
@@ -185,7 +228,13 @@ void Greeting::welcome(Session& session, std::optional<Error> whyNotResumed) {
     if (resumed && hello.open)
         for (const LayerId& layer : *hello.open)
             if (layers_->has(layer)) sessions_->open(session, layer);
-    if (whyNotResumed) sessions_->sendError(session, *whyNotResumed);
+    if (whyNotResumed) {
+        sessions_->sendError(session, *whyNotResumed);
+        // The client may join the other history.
+        const auto forgotten = hello.resume ? whyForgotten(session, *hello.resume) : std::nullopt;
+        if (forgotten && forgotten->code != whyNotResumed->code)
+            sessions_->sendError(session, *forgotten);
+    }
     sendWelcome(session, hello, resumed);
     activity_->record({"user joined", session.subject.user, {}, session.application});
     states_->sendAllTo(session);
@@ -198,7 +247,7 @@ void Greeting::welcome(Session& session, std::optional<Error> whyNotResumed) {
 void Greeting::sendWelcome(const Session& session, const Hello& hello, bool resumed) {
     Welcome message;
     message.protocol = commonProtocol(hello);
-    message.features = common(hello.features);
+    message.features = features(session.id, hello);
     message.project = options_->name;
     message.epoch = line_->epoch();
     message.revision = line_->durable();
@@ -209,6 +258,7 @@ void Greeting::sendWelcome(const Session& session, const Hello& hello, bool resu
     message.maxBlobBytes = options_->maxBlobBytes;
     message.administrator = session.subject.isAdministrator;
     message.base = start_->oldest();
+    message.store = *identity_;
     if (session.features.contains(kPartsFeature))
         message.maxTransactionBytes = options_->maxTransactionBytes;
     sessions_->send(session, message);

@@ -25,6 +25,7 @@ public:
         virtual void receiveFrame(SessionId session, ByteView frame) = 0;
     };
     struct Parts {
+        const StoreId& identity;
         const HistoryLine& line;
         const HistoryStart& start;
         const StoreCondition& store;
@@ -37,6 +38,7 @@ public:
         Catchup& catchup;
         Gestures& gestures;
         const AccessPolicy& access;
+        const ports::Outbox& outbox;
         ports::Activity& activity;
         Receiver& receiver;
     };
@@ -54,14 +56,19 @@ public:
     [[nodiscard]] Revision oldestNeeded(Revision newest) const;
 
 private:
+    [[nodiscard]] std::optional<Error> otherHistory(const Hello::Resume& resume) const;
+    [[nodiscard]] std::optional<Error> whyForgotten(const Session& session,
+                                                    const Hello::Resume& resume) const;
     [[nodiscard]] std::optional<Error> whyNotResumable(const Session& session,
                                                        const Hello::Resume& resume) const;
+    [[nodiscard]] std::vector<std::string> features(SessionId session, const Hello& hello) const;
     void supersede(const ClientId& client);
     void resumeChecked(Session& session, const Result<Hash>& hash);
     void welcome(Session& session, std::optional<Error> whyNotResumed);
     void sendWelcome(const Session& session, const Hello& hello, bool resumed);
 
     Wire<const Project::Options> options_;
+    Wire<const StoreId> identity_;
     Wire<const HistoryLine> line_;
     Wire<const HistoryStart> start_;
     Wire<const StoreCondition> store_;
@@ -74,6 +81,7 @@ private:
     Wire<Catchup> catchup_;
     Wire<Gestures> gestures_;
     Wire<const AccessPolicy> access_;
+    Wire<const ports::Outbox> outbox_;
     Wire<ports::Activity> activity_;
     Wire<Receiver> receiver_;
 };

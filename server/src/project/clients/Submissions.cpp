@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "usdlive/common/core/ErrorPasses.h"
 #include "usdlive/server/project/SharedFrame.h"
 
 namespace usdlive::server {
@@ -13,6 +14,8 @@ namespace {
 // The limit for the waiting transactions of one session, in addition to one in parts. A session
 // that exceeds it is closed.
 constexpr std::size_t kMaxWaitingBytes = 256 * 1024 * 1024;
+
+const std::string kResends = "resends";
 
 /// Returns the index of the submitted edit that became this executed edit.
 std::uint32_t submittedIndex(const Executed& executed, std::size_t index) {
@@ -111,6 +114,10 @@ bool Submissions::handle(const Session& session, QueuedTransaction& queued) {
         catchup_->answer(session.id, {*known, sharedFrame(message), true, false});
         return true;
     }
+    if (const auto refused = heldBack(session.id, transaction.id.sequence)) {
+        refuse(session, transaction, *refused);
+        return true;
+    }
     if (const auto refused = objection(author, queued)) {
         refuse(session, transaction, *refused);
         return true;
@@ -127,6 +134,23 @@ bool Submissions::handle(const Session& session, QueuedTransaction& queued) {
     }
     execute(session, author, queued);
     return true;
+}
+
+/// SE21: a transaction that is executed after an earlier one of its author was refused could lack
+/// what that one creates, and would be overwritten when that one is sent again.
+std::optional<Refused> Submissions::heldBack(SessionId session, std::uint64_t sequence) {
+    auto& held = queues_[session].held;
+    if (held && held->sequences.contains(sequence)) held.reset();
+    return held ? std::optional(Refused{held->reason}) : std::nullopt;
+}
+
+void Submissions::hold(const Session& session, std::uint64_t sequence, const Error& reason) {
+    // A client has at most 1,000 transactions on their way.
+    constexpr std::size_t kMost = 4'096;
+    if (!errorPasses(reason.code) || !session.features.contains(kResends)) return;
+    auto& held = queues_[session.id].held;
+    if (!held) held.emplace(Held{reason, {}});
+    if (held->sequences.size() < kMost) held->sequences.insert(sequence);
 }
 
 std::optional<Refused> Submissions::objection(const Author& author,
@@ -158,6 +182,7 @@ void Submissions::execute(const Session& session, Author& author, const QueuedTr
     author.inFlight[transaction.id.sequence] = revision;
     author.newest = revision;
     inFlight_.push_back({revision, transaction.id.sequence, session.id});
+    catchup_->submitted(session.id, revision);
 }
 
 /// Refuses a transaction (M6). Also withdraws the preview of its gesture from other sessions.
@@ -166,14 +191,16 @@ void Submissions::refuse(const Session& session, const Transaction& transaction,
     ++counters_->refused;
     const LayerId layer =
         refused.edit < transaction.edits.size() ? transaction.edits[refused.edit].layer : LayerId{};
-    activity_->record({"edits refused", session.subject.user, layer, refused.error.message});
+    if (!queues_[session.id].held)
+        activity_->record({"edits refused", session.subject.user, layer, refused.error.message});
+    hold(session, transaction.id.sequence, refused.error);
     gestures_->refused(session.client, transaction.gesture);
     // A resumed session must have all commits up to its welcome first: they may be its own.
     const Revision after =
         std::max(authors_->of(session.client).newest, catchup_->greetedAt(session.id));
-    catchup_->answer(
-        session.id,
-        {after, sharedFrame(RefusalFrame{transaction.id.sequence, refused.edit, refused.error})});
+    catchup_->answer(session.id,
+                     {after, sharedFrame(RefusalFrame{transaction.id.sequence, refused.edit,
+                                                      sessions_->shown(refused.error)})});
     // Editors never send such a transaction, so the session is closed.
     if (refused.error.code != ErrorCode::InvalidPath) return;
     const ErrorMessage message{
@@ -214,8 +241,11 @@ void Submissions::becameDurable(Revision upTo) {
 /// SE5: refuses the transactions whose commits were lost.
 void Submissions::rolledBack(const Error& error, const LostCommits& lost) {
     counters_->refused += lost.commits.size();
-    catchup_->refuse({inFlight_.begin(), inFlight_.end()}, error);
+    const auto refused = catchup_->refuse({inFlight_.begin(), inFlight_.end()}, error);
     inFlight_.clear();
+    for (const auto& [id, sequences] : refused)
+        if (const Session* session = sessions_->greeted(id))
+            for (const std::uint64_t sequence : sequences) hold(*session, sequence, error);
 }
 
 void Submissions::closing(SessionId session) {

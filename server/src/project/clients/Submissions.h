@@ -3,6 +3,8 @@
 
 #include <deque>
 #include <map>
+#include <optional>
+#include <set>
 #include <unordered_set>
 #include <vector>
 
@@ -56,12 +58,21 @@ public:
     void left(const Session& session) override;
 
 private:
+    /// SE21: transactions that were refused for a reason that passes. All transactions of the
+    /// session are refused until one of these is submitted again.
+    struct Held {
+        Error reason;
+        std::set<std::uint64_t> sequences;
+    };
     struct Queue {
         std::deque<QueuedTransaction> transactions;
         std::size_t bytes = 0;
+        std::optional<Held> held;
     };
     void add(Session& session, Transaction transaction, std::size_t bytes);
     bool handle(const Session& session, QueuedTransaction& queued);
+    [[nodiscard]] std::optional<Refused> heldBack(SessionId session, std::uint64_t sequence);
+    void hold(const Session& session, std::uint64_t sequence, const Error& reason);
     [[nodiscard]] std::optional<Refused> objection(const Author& author,
                                                    const QueuedTransaction& queued) const;
     void execute(const Session& session, Author& author, const QueuedTransaction& queued);

@@ -1,8 +1,6 @@
 // Takes snapshots of layers and passes them to the store.
 #include "layers/Snapshots.h"
 
-#include <cstdlib>
-
 namespace usdlive::server {
 
 std::size_t Snapshots::storedBytes(const LayerId& layer) const {
@@ -15,8 +13,8 @@ void Snapshots::takeIfDue(const LayerId& layer, Entry& entry) {
     const LayerDoc* doc = line_->doc(layer);
     if (!doc) return;
     if (entry.replayCost < snapshotDue(*doc, entry.bytes, limits_.leastReplay)) return;
-    const std::int64_t now = clock_->wallClockMs();
-    if (entry.takenMs && std::abs(now - *entry.takenMs) < limits_.intervalMs) return;
+    const std::int64_t now = clock_->steadyMs();
+    if (entry.takenMs && now - *entry.takenMs < limits_.intervalMs) return;
     entry.takenMs = now;
     entry.replayCost = 0;
     entry.isTaken = true;

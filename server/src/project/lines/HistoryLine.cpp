@@ -10,17 +10,17 @@
 
 namespace usdlive::server {
 
-HistoryLine::HistoryLine(const Limits& limits, Start start, ports::CommitLog& log,
-                         ports::Clock& clock)
+HistoryLine::HistoryLine(const Limits& limits, Start start, ports::CommitLog& log, TimeOfDay& time)
     : limits_(limits),
       log_(log),
-      clock_(clock),
+      time_(time),
       docs_(std::move(start.docs)),
       namespaces_(start.oldestNamespace, start.head.revision, start.namespaceChanges),
       epoch_(start.head.epoch),
       first_(start.head.revision),
       executed_(start.head.revision),
       executedHash_(start.head.hash),
+      newestMs_(start.timeMs),
       durable_(start.head.revision),
       durableHash_(start.head.hash) {}
 
@@ -60,8 +60,7 @@ std::variant<Revision, Refused> HistoryLine::commit(const Submission& submission
     auto& executed = std::get<Executed>(outcome);
     auto refused = submission.check ? submission.check(executed, before) : std::nullopt;
     if (!refused) {
-        auto made =
-            make(transaction.id, submission.user, transaction.gesture, std::move(executed), mark);
+        auto made = make(transaction, submission.user, std::move(executed), mark);
         if (made && (submission.readsParts || !isInParts(*made->second.frame)))
             return append(std::move(made->first), std::move(made->second));
         refused =
@@ -86,7 +85,7 @@ Result<Revision> HistoryLine::commitInOrder(OwnEdits own) {
         undo(std::move(before), mark);
         return tl::unexpected(refused->error);
     }
-    auto made = make({}, own.user, 0, std::move(*executed), mark);
+    auto made = make({}, own.user, std::move(*executed), mark);
     if (!made) {
         undo(std::move(before), mark);
         return fail(ErrorCode::TransactionTooLarge, "more than one commit can hold");
@@ -110,7 +109,7 @@ Revision HistoryLine::commitImport(Import import) {
     made.mark = namespaces_.log().mark();
 
     CommitFrame stub;
-    stub.commit = {made.revision, epoch_, {}, {},           clock_->wallClockMs(), 0,
+    stub.commit = {made.revision, epoch_, {}, {},           commitTimeMs(), 0,
                    import.layer,  {},     {}, executedHash_};
     stampCommit(import.frame.bytes, stub.commit);
     record.hash = made.hash = chainHash(executedHash_, withoutLength(import.frame.bytes));
@@ -120,18 +119,18 @@ Revision HistoryLine::commitImport(Import import) {
     return append(std::move(made), std::move(record));
 }
 
-/// Makes the next commit from executed edits. Returns nothing if it is too large. `mark` is the
-/// position in the NamespaceLog before it.
-std::optional<HistoryLine::Made> HistoryLine::make(const TransactionId& id, const UserName& user,
-                                                   std::uint64_t gesture, Executed executed,
+/// Makes the next commit from the executed edits of a transaction, or of an empty one for own
+/// edits. Returns nothing if it is too large. `mark` is the position in the NamespaceLog before it.
+std::optional<HistoryLine::Made> HistoryLine::make(const Transaction& transaction,
+                                                   const UserName& user, Executed executed,
                                                    std::uint64_t mark) {
     OrderedCommit made;
     CommitRecord record;
     record.revision = made.revision = executed_ + 1;
-    record.id = made.id = id;
+    record.id = made.id = transaction.id;
     made.user = user;
     record.namespaceChanges = namespaceChanges(made.revision, executed.edits);
-    made.gesture = gesture;
+    made.gesture = transaction.gesture;
     made.edits = executed.edits.size();
     made.dropped = executed.dropped.size();
     made.mark = mark;
@@ -140,8 +139,8 @@ std::optional<HistoryLine::Made> HistoryLine::make(const TransactionId& id, cons
                   epoch_,
                   made.id,
                   user,
-                  clock_->wallClockMs(),
-                  gesture,
+                  commitTimeMs(),
+                  transaction.gesture,
                   {},
                   {},
                   std::move(executed.dropped),
@@ -160,8 +159,20 @@ std::optional<HistoryLine::Made> HistoryLine::make(const TransactionId& id, cons
     if (!record.frame) return std::nullopt;
     record.hash = made.hash = chainHash(executedHash_, withoutLength(*record.frame));
     made.broadcast = record.frame;
+    if (commit.dropped.empty() && commit.edits == transaction.edits)
+        made.acceptance = Acceptance{made.revision, epoch_,        made.id.sequence,
+                                     commit.timeMs, executedHash_, made.hash};
+    if (mayBeCompact(commit.edits) && !isInParts(*record.frame))
+        made.content =
+            std::make_shared<const CompactCommit>(CompactCommit{std::move(commit), made.hash});
     namespaces_.executed(made.revision);
     return std::pair(std::move(made), std::move(record));
+}
+
+/// CH6: the times of commits never fall.
+std::int64_t HistoryLine::commitTimeMs() {
+    newestMs_ = std::max(newestMs_, time_->nowMs());
+    return newestMs_;
 }
 
 Revision HistoryLine::append(OrderedCommit commit, CommitRecord record) {

@@ -14,9 +14,9 @@
 #include "lines/CommitFrames.h"
 #include "lines/LineListener.h"
 #include "lines/NamespaceHistory.h"
+#include "lines/TimeOfDay.h"
 #include "usdlive/common/layer/TransactionExecutor.h"
 #include "usdlive/server/project/CommitStore.h"
-#include "usdlive/server/project/ports/Clock.h"
 #include "usdlive/server/project/ports/CommitLog.h"
 
 namespace usdlive::server {
@@ -34,7 +34,8 @@ public:
         /// still find their specs (M3).
         Revision oldestNamespace = 0;
         std::vector<NamespaceChange> namespaceChanges;
-        LayerDocs docs = {};  ///< at the head; others are added when they are loaded
+        LayerDocs docs = {};      ///< at the head; others are added when they are loaded
+        std::int64_t timeMs = 0;  ///< time of the commit at the head; 0: unknown
     };
     struct Limits {
         CommitLimits commits;
@@ -42,7 +43,7 @@ public:
         Revision namespaceRevisions = kNamespaceLogRevisions;
     };
 
-    HistoryLine(const Limits& limits, Start start, ports::CommitLog& log, ports::Clock& clock);
+    HistoryLine(const Limits& limits, Start start, ports::CommitLog& log, TimeOfDay& time);
 
     /// Listeners are notified in the order in which they are added.
     void addListener(LineListener& listener) { listeners_.add(listener); }
@@ -117,17 +118,17 @@ public:
 
 private:
     using Made = std::pair<OrderedCommit, CommitRecord>;
-    [[nodiscard]] std::optional<Made> make(const TransactionId& id, const UserName& user,
-                                           std::uint64_t gesture, Executed executed,
-                                           std::uint64_t mark);
+    [[nodiscard]] std::optional<Made> make(const Transaction& transaction, const UserName& user,
+                                           Executed executed, std::uint64_t mark);
     Revision append(OrderedCommit commit, CommitRecord record);
     void undo(LayerDocs before, std::uint64_t mark);
     [[nodiscard]] bool mayNotFit(const Submission& submission) const;
     void rollBack(const Error& error);
+    [[nodiscard]] std::int64_t commitTimeMs();
 
     Limits limits_;
     Wire<ports::CommitLog> log_;
-    Wire<ports::Clock> clock_;
+    Wire<TimeOfDay> time_;
     Listeners<LineListener> listeners_;
 
     LayerDocs docs_;
@@ -136,6 +137,7 @@ private:
     Revision first_;
     Revision executed_;
     Hash executedHash_;
+    std::int64_t newestMs_;               ///< time of the newest commit
     std::deque<OrderedCommit> inFlight_;  ///< passed to the log, not durable yet
     Revision durable_;
     Hash durableHash_;

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <set>
 #include <vector>
@@ -9,6 +10,7 @@
 #include "usdlive/common/core/Bytes.h"
 #include "usdlive/common/core/Hash.h"
 #include "usdlive/common/layer/Edit.h"
+#include "usdlive/common/protocol/CompactFrame.h"
 
 namespace usdlive::server {
 
@@ -16,8 +18,12 @@ namespace usdlive::server {
 struct OrderedCommit {
     Revision revision = 0;
     SharedBytes broadcast;  ///< its frames for sessions; a stub for an import (CH2)
-    Hash hash;              ///< hash of the chain up to and including it
-    TransactionId id;       ///< sequence 0: not a transaction of a client
+    /// Its content, if it may fit into a compact frame (FR9).
+    std::shared_ptr<const CompactCommit> content;
+    /// For its author, if it has exactly the edits that were submitted (FR11).
+    std::optional<Acceptance> acceptance;
+    Hash hash;         ///< hash of the chain up to and including it
+    TransactionId id;  ///< sequence 0: not a transaction of a client
     UserName user;
     std::uint64_t gesture = 0;
     std::size_t edits = 0, dropped = 0;

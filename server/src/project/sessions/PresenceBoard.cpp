@@ -4,30 +4,25 @@
 #include <iterator>
 #include <utility>
 
+#include "usdlive/common/protocol/CheckedControl.h"
+
 namespace usdlive::server {
 
 namespace {
 
 const std::string kPresenceFeature = "presence";
-constexpr std::size_t kMaxPresenceBytes = 64 * 1024;
-constexpr std::size_t kMatrix = 16;
 
 }  // namespace
 
 void PresenceBoard::show(Session& session, Presence presence) {
-    if (!presence.camera.empty() && presence.camera.size() != kMatrix)
-        return sessions_->close(
-            session, {ErrorCode::MalformedControl, "a camera is a matrix of 16 numbers"});
     presence.client = session.client;
     presence.user = session.subject.user;
     presence.application = session.application;
     const auto known = shown_.find(session.id);
     if (known != shown_.end()) known->second.isFresh = true;
     if (known != shown_.end() && known->second.presence == presence) return;
-    const std::size_t bytes = encodeControl(ShowPresence{presence}).size();
-    if (bytes > kMaxPresenceBytes)
-        return sessions_->sendError(session, {ErrorCode::TransactionTooLarge,
-                                              "a presence of " + std::to_string(bytes) + " bytes"});
+    if (const auto valid = checkPresence(presence); !valid)
+        return sessions_->sendError(session, valid.error());
     Shown& shown = shown_[session.id];
     shown.presence = std::move(presence);
     shown.isPassedOn = false;

@@ -6,6 +6,7 @@
 #include <variant>
 #include <vector>
 
+#include "usdlive/common/protocol/CompactFrame.h"
 #include "usdlive/common/protocol/Control.h"
 #include "usdlive/server/project/ports/Outbox.h"  // SessionId
 
@@ -40,6 +41,7 @@ struct Session {
     std::string application;
     std::set<std::string> features;  ///< features that both ends support
     std::set<LayerId> open;
+    CompactReader compact;    ///< reads the session's compact frames (FR9)
     bool wasGreeted = false;  ///< true after the welcome, also while it is closing
 
     [[nodiscard]] bool isGreeted() const { return std::holds_alternative<Greeted>(phase); }

@@ -2,10 +2,45 @@
 #include "sessions/SessionTable.h"
 
 #include <algorithm>
+#include <type_traits>
+#include <utility>
 
+#include "usdlive/common/protocol/ServerControl.h"
 #include "usdlive/server/project/SharedFrame.h"
 
 namespace usdlive::server {
+
+namespace {
+
+/// Changes the texts of a message. Ids and hashes are no texts.
+template <class T>
+void showTexts(const PublicText& texts, T& value) {
+    if constexpr (std::is_same_v<T, std::string>)
+        value = texts(std::move(value));
+    else if constexpr (HasFields<T>)
+        forEachField(value, [&](std::string_view, auto& field) { showTexts(texts, field); });
+    else if constexpr (requires { value.emplace_back(); })
+        for (auto& element : value) showTexts(texts, element);
+}
+
+/// A client would end the session over a message that is larger.
+ErrorMessage tooLarge(const ControlMessage& message) {
+    ErrorMessage error{std::string(errorName(ErrorCode::Internal)),
+                       "the answer is larger than a message may be: ask for less at once",
+                       false,
+                       {},
+                       {}};
+    std::visit(
+        [&](const auto& content) {
+            if constexpr (requires { std::uint64_t{content.request}; })
+                error.request = content.request;
+        },
+        message);
+    error.closing = !error.request;  // a welcome
+    return error;
+}
+
+}  // namespace
 
 Session& SessionTable::add(SessionId id) {
     Session& session = sessions_[id];
@@ -48,6 +83,12 @@ Session* SessionTable::greeted(SessionId id) {
     return session && session->isGreeted() ? session : nullptr;
 }
 
+std::size_t SessionTable::clients() const {
+    return std::size_t(std::ranges::count_if(sessions_, [](const auto& one) {
+        return !one.second.client.value.empty() && !one.second.isClosing();
+    }));
+}
+
 bool SessionTable::isUserConnected(const UserName& user) const {
     return std::ranges::any_of(sessions_, [&](const auto& one) {
         return one.second.isGreeted() && one.second.subject.user == user;
@@ -85,7 +126,11 @@ std::set<UserName> SessionTable::editors(const LayerId& layer) const {
 }
 
 void SessionTable::send(const Session& session, const ControlMessage& message) {
-    outbox_->send(session.id, sharedFrame(message));
+    ControlMessage shown = message;
+    std::visit([this](auto& content) { showTexts(*texts_, content); }, shown);
+    std::string json = encodeControl(shown);
+    if (json.size() > kMaxServerControlBytes) json = encodeControl(tooLarge(shown));
+    outbox_->send(session.id, sharedFrame(ControlFrame{std::move(json)}));
 }
 
 void SessionTable::sendError(const Session& session, const Error& error,

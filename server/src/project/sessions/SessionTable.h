@@ -6,6 +6,7 @@
 
 #include "Wiring.h"
 #include "sessions/Session.h"
+#include "usdlive/server/project/PublicText.h"
 
 namespace usdlive::server {
 
@@ -13,7 +14,7 @@ namespace usdlive::server {
 /// sessions.
 class SessionTable {
 public:
-    explicit SessionTable(ports::Outbox& outbox) : outbox_(outbox) {}
+    SessionTable(ports::Outbox& outbox, const PublicText& texts) : outbox_(outbox), texts_(texts) {}
 
     /// Listeners are notified in the order in which they are added.
     void addListener(SessionListener& listener) { listeners_.add(listener); }
@@ -32,7 +33,8 @@ public:
     [[nodiscard]] Session* greeted(SessionId id);
     [[nodiscard]] std::map<SessionId, Session>& all() { return sessions_; }
     [[nodiscard]] const std::map<SessionId, Session>& all() const { return sessions_; }
-    [[nodiscard]] std::size_t size() const { return sessions_.size(); }
+    /// Returns the number of sessions that said hello and are not closing.
+    [[nodiscard]] std::size_t clients() const;
     /// Returns whether the user has a session.
     [[nodiscard]] bool isUserConnected(const UserName& user) const;
     [[nodiscard]] bool isConnected(const ClientId& client) const;
@@ -44,6 +46,7 @@ public:
     /// Returns the users that have the layer open.
     [[nodiscard]] std::set<UserName> editors(const LayerId& layer) const;
 
+    /// Sends a message. Its texts name no folder of the machine (FR12).
     void send(const Session& session, const ControlMessage& message);
     void sendError(const Session& session, const Error& error,
                    std::optional<std::uint64_t> request = {}, std::optional<Hash> blob = {});
@@ -51,9 +54,12 @@ public:
     void sendToAll(const ControlMessage& message);
     /// Sends the update to each session that asked for the feature.
     void sendToSubscribers(const std::string& feature, const StateUpdate& update);
+    /// Returns the error as clients may see it.
+    [[nodiscard]] Error shown(const Error& error) const { return (*texts_)(error); }
 
 private:
     Wire<ports::Outbox> outbox_;
+    Wire<const PublicText> texts_;
     Listeners<SessionListener> listeners_;
     std::map<SessionId, Session> sessions_;
 };

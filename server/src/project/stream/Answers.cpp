@@ -16,8 +16,9 @@ std::optional<Answer> Answers::next(Revision position) {
     return answer;
 }
 
-void Answers::rollBack(SessionId session, const std::vector<LostSubmission>& lost, Revision durable,
-                       const Error& error) {
+std::vector<std::uint64_t> Answers::rollBack(SessionId session,
+                                             const std::vector<LostSubmission>& lost,
+                                             Revision durable, const Error& error) {
     std::deque<Answer> before = std::exchange(waiting_, {});
     const auto keepUntil = [&](Revision revision) {
         for (; !before.empty() && before.front().after < revision; before.pop_front()) {
@@ -30,12 +31,15 @@ void Answers::rollBack(SessionId session, const std::vector<LostSubmission>& los
     std::set<Revision> repeated;
     for (const Answer& answer : before)
         if (answer.repeats) repeated.insert(answer.after);
+    std::vector<std::uint64_t> refused;
     for (const LostSubmission& one : lost) {
         if (one.session != session && !repeated.contains(one.revision)) continue;
         keepUntil(one.revision);
         waiting_.push_back({durable, sharedFrame(RefusalFrame{one.sequence, 0, error})});
+        refused.push_back(one.sequence);
     }
     keepUntil(~Revision(0));
+    return refused;
 }
 
 }  // namespace usdlive::server

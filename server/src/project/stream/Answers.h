@@ -33,9 +33,10 @@ public:
     [[nodiscard]] std::optional<Answer> next(Revision position);
     /// Inserts refusals of the lost transactions in the order of their revisions, and replaces the
     /// answers that reported them as committed. A session that did not submit a lost transaction
-    /// gets no refusal for it: if it submits it later, it is executed.
-    void rollBack(SessionId session, const std::vector<LostSubmission>& lost, Revision durable,
-                  const Error& error);
+    /// gets no refusal for it: if it submits it later, it is executed. Returns the numbers of the
+    /// refused transactions.
+    std::vector<std::uint64_t> rollBack(SessionId session, const std::vector<LostSubmission>& lost,
+                                        Revision durable, const Error& error);
     void clear() { waiting_.clear(); }
 
 private:

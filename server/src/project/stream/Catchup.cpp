@@ -36,6 +36,12 @@ Revision Catchup::Stream::next() const {
     return log ? log->next : position + 1;
 }
 
+void Catchup::Stream::moveTo(Revision revision) {
+    position = revision;
+    opened.erase(opened.begin(), opened.upper_bound(position));
+    submitted.erase(submitted.begin(), submitted.upper_bound(position));
+}
+
 Catchup::Stream* Catchup::find(SessionId session) {
     const auto found = streams_.find(session);
     return found == streams_.end() ? nullptr : &found->second;
@@ -53,6 +59,7 @@ void Catchup::begin(const Session& session, Revision position) {
     stream.client = session.client;
     stream.conflates = session.features.contains(kConflation);
     stream.readsParts = session.features.contains(kPartsFeature);
+    stream.readsCompact = session.features.contains(kCompactFeature);
     stream.greetedAt = line_->durable();
     stream.position = position;
     pump(stream);
@@ -75,9 +82,28 @@ void Catchup::sendsLayerAsOf(SessionId session, Revision revision) {
     if (stream && revision > stream->position) stream->opened.insert(revision);
 }
 
-void Catchup::sendToLive(const SharedBytes& frame, const ClientId& except) {
-    for (const auto& [id, stream] : streams_)
-        if (stream.isLive() && stream.client != except) outbox_->send(id, frame);
+void Catchup::sendPreview(const PreviewFrame& preview, const SharedBytes& frame) {
+    std::optional<CompactFrame> compact;
+    bool isEncoded = false;
+    for (auto& [id, stream] : streams_) {
+        if (!stream.isLive() || stream.client == preview.author) continue;
+        if (stream.readsCompact && !std::exchange(isEncoded, true))
+            compact = encodeCompact(preview, names_);
+        if (stream.readsCompact && compact)
+            sendCompact(stream, *compact);
+        else
+            outbox_->send(id, frame);
+    }
+}
+
+void Catchup::sendCompact(Stream& stream, const CompactFrame& frame) {
+    if (SharedBytes names = stream.names.introduce(frame))
+        outbox_->send(stream.id, std::move(names));
+    outbox_->send(stream.id, frame.bytes);
+}
+
+void Catchup::sendAcceptance(Stream& stream, const Acceptance& acceptance) {
+    outbox_->send(stream.id, std::make_shared<const Bytes>(encodeAcceptance(acceptance)));
 }
 
 Revision Catchup::greetedAt(SessionId session) const {
@@ -115,21 +141,38 @@ void Catchup::durable(const OrderedCommit& commit) {
 }
 
 void Catchup::broadcast(const OrderedCommit& commit) {
-    std::vector<SessionId> live;
+    const auto compact = compactForm(commit);
+    std::vector<SessionId> others;  // that are sent the commit as it is stored
     for (auto& [id, stream] : streams_) {
         if (!stream.isLive()) continue;
-        if (outbox_->lags(id))
+        if (outbox_->lags(id)) {
             stream.state = CatchingUp{};  // FR6
+            continue;
+        }
+        ++counters_->delivered;
+        if (stream.hasContentOf(commit))
+            sendAcceptance(stream, *commit.acceptance);
+        else if (stream.readsCompact && compact)
+            sendCompact(stream, *compact);
         else
-            live.push_back(id);
+            others.push_back(id);
     }
-    outbox_->sendCommit(live, commit.broadcast, commit.revision);
-    counters_->delivered += live.size();
+    outbox_->sendCommit(others, commit.broadcast, commit.revision);
     for (auto& [id, stream] : streams_) {
         if (!stream.isLive()) continue;
-        stream.position = commit.revision;
+        stream.moveTo(commit.revision);
         releaseAnswers(stream);
     }
+}
+
+/// Returns the commit as a compact frame (FR9); nothing if it is too large or no session reads it.
+std::optional<CompactFrame> Catchup::compactForm(const OrderedCommit& commit) {
+    const auto reads = [&](const auto& entry) {
+        const Stream& stream = entry.second;
+        return stream.readsCompact && stream.isLive() && !stream.hasContentOf(commit);
+    };
+    if (!commit.content || std::ranges::none_of(streams_, reads)) return std::nullopt;
+    return encodeCompact(*commit.content, names_);
 }
 
 /// Sends the commit to each session as a commit of the past: in parts, as fast as the connection
@@ -139,6 +182,11 @@ void Catchup::broadcastInParts(const OrderedCommit& commit) {
     outbox_->sendCommit({}, commit.broadcast, commit.revision);
     for (auto& [id, stream] : streams_) {
         if (!stream.isLive()) continue;
+        if (stream.hasContentOf(commit) && !outbox_->lags(id)) {
+            sendAcceptance(stream, *commit.acceptance);
+            commitSent(stream);
+            continue;
+        }
         stream.isAhead = outbox_->holdCommits(id);
         stream.state = CatchingUp{};
         pump(stream);
@@ -238,6 +286,11 @@ void Catchup::endLog(Stream& stream) {
 
 // ---- answers
 
+void Catchup::submitted(SessionId session, Revision revision) {
+    Stream* stream = find(session);
+    if (stream && stream->readsCompact) stream->submitted.insert(revision);
+}
+
 void Catchup::answer(SessionId session, Answer answer) {
     Stream* stream = find(session);
     if (!stream || stream->isClosing) return;
@@ -245,12 +298,16 @@ void Catchup::answer(SessionId session, Answer answer) {
     releaseAnswers(*stream);
 }
 
-void Catchup::refuse(const std::vector<LostSubmission>& lost, const Error& error) {
+std::map<SessionId, std::vector<std::uint64_t>> Catchup::refuse(
+    const std::vector<LostSubmission>& lost, const Error& error) {
+    std::map<SessionId, std::vector<std::uint64_t>> refused;
     for (auto& [id, stream] : streams_) {
         if (stream.isClosing) continue;
-        stream.answers.rollBack(id, lost, line_->durable(), error);
+        stream.submitted.clear();  // their revisions are given again
+        refused[id] = stream.answers.rollBack(id, lost, line_->durable(), sessions_->shown(error));
         releaseAnswers(stream);
     }
+    return refused;
 }
 
 void Catchup::releaseAnswers(Stream& stream) {

@@ -57,13 +57,19 @@ public:
     /// Call it when a layer is sent to the session at this revision. Commits before and after it
     /// are not conflated into one (CF1).
     void sendsLayerAsOf(SessionId session, Revision revision);
-    /// Sends a frame to the sessions that have caught up, except to those of the client `except`.
-    void sendToLive(const SharedBytes& frame, const ClientId& except);
+    /// Sends a preview to the sessions that have caught up, except to those of its author. `frame`
+    /// is the encoded preview.
+    void sendPreview(const PreviewFrame& preview, const SharedBytes& frame);
 
+    /// Call it when the transaction of the commit `revision` was received from the session. The
+    /// session needs no content that it has sent itself (FR11).
+    void submitted(SessionId session, Revision revision);
     /// Sends the answer when the session was sent the commits up to Answer::after.
     void answer(SessionId session, Answer answer);
-    /// Refuses transactions whose commits were lost.
-    void refuse(const std::vector<LostSubmission>& lost, const Error& error);
+    /// Refuses transactions whose commits were lost. Returns the numbers of those that each session
+    /// gets a refusal for.
+    std::map<SessionId, std::vector<std::uint64_t>> refuse(const std::vector<LostSubmission>& lost,
+                                                           const Error& error);
 
     /// Returns the newest durable commit at the time of the session's welcome.
     [[nodiscard]] Revision greetedAt(SessionId session) const;
@@ -86,7 +92,7 @@ private:
     struct Stream {
         SessionId id = 0;
         ClientId client;
-        bool conflates = false, readsParts = false;  ///< features of the client
+        bool conflates = false, readsParts = false, readsCompact = false;  ///< features
         bool isClosing = false;
         std::variant<Live, CatchingUp, SendingLog> state = CatchingUp{};
         Revision greetedAt = 0;  ///< newest durable commit at the welcome
@@ -94,6 +100,9 @@ private:
         bool isAhead = false;    ///< it may have received later ones (DD6)
         /// The revisions at which layers were sent. A conflated commit must end there (CF1).
         std::set<Revision> opened;
+        /// The revisions of its own transactions that were not sent yet.
+        std::set<Revision> submitted;
+        KnownNames names;             ///< the numbers of names that it was told (FR10)
         std::deque<RequestLog> logs;  ///< waiting requests
         std::optional<SendingParts> sending;
         Answers answers;
@@ -104,11 +113,19 @@ private:
         /// While a commit is sent in parts, later commits wait.
         [[nodiscard]] bool canSend() const { return !isClosing && !sending; }
         [[nodiscard]] Revision next() const;
+        /// Returns whether the session has sent the content of the commit itself.
+        [[nodiscard]] bool hasContentOf(const OrderedCommit& commit) const {
+            return readsCompact && commit.acceptance && submitted.contains(commit.revision);
+        }
+        void moveTo(Revision revision);
     };
 
     [[nodiscard]] Stream* find(SessionId session);
     void close(const Stream& stream, const Error& error);
     void broadcast(const OrderedCommit& commit);
+    [[nodiscard]] std::optional<CompactFrame> compactForm(const OrderedCommit& commit);
+    void sendCompact(Stream& stream, const CompactFrame& frame);
+    void sendAcceptance(Stream& stream, const Acceptance& acceptance);
     void broadcastInParts(const OrderedCommit& commit);
     void pump(Stream& stream);
     void becomeLive(Stream& stream);
@@ -133,6 +150,7 @@ private:
     Wire<ports::Outbox> outbox_;
     Wire<ProjectCounters> counters_;
     RecentCommits recent_;
+    NameNumbers names_;                    ///< in the compact frames of all sessions
     std::map<SessionId, Stream> streams_;  ///< streams of sessions that were welcomed
 };
 

@@ -133,8 +133,7 @@ void Catchup::commitSent(Stream& stream) {
         ++log->next;
         return;
     }
-    ++stream.position;
-    stream.opened.erase(stream.opened.begin(), stream.opened.upper_bound(stream.position));
+    stream.moveTo(stream.position + 1);
     releaseAnswers(stream);
 }
 

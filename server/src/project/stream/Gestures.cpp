@@ -30,7 +30,7 @@ void Gestures::receive(Session& session, PreviewFrame preview, std::size_t bytes
         previews_->keep(session.client, preview.gesture, {frame, std::move(named)});
     if (pushedOut != 0) withdraw(session.client, pushedOut);
     // A session that is behind is sent the preview when it has caught up.
-    catchup_->sendToLive(frame, session.client);
+    catchup_->sendPreview(preview, frame);
 }
 
 void Gestures::refused(const ClientId& author, std::uint64_t gesture) {

@@ -39,7 +39,7 @@ void CheckpointRequests::create(Session& session, const CreateCheckpoint& reques
                                 {ErrorCode::MalformedControl, "too many requests at once"});
     if (const auto error = objection(session, request.name))
         return sessions_->sendError(session, *error, request.request);
-    const auto now = std::uint64_t(std::max<std::int64_t>(clock_->wallClockMs(), 0));
+    const auto now = std::uint64_t(std::max<std::int64_t>(time_->nowMs(), 0));
     pending_.push_back({session.id,
                         request.request,
                         {request.name, line_->executed(), session.subject.user, now}});

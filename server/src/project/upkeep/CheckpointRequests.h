@@ -14,12 +14,12 @@ namespace usdlive::server {
 class CheckpointRequests : public LineListener {
 public:
     CheckpointRequests(const HistoryLine& line, SessionTable& sessions, const AccessPolicy& access,
-                       const Ports& ports)
+                       TimeOfDay& time, const Ports& ports)
         : line_(line),
           sessions_(sessions),
           access_(access),
+          time_(time),
           history_(ports.history),
-          clock_(ports.clock),
           activity_(ports.activity) {}
 
     void create(Session& session, const CreateCheckpoint& request);
@@ -44,8 +44,8 @@ private:
     Wire<const HistoryLine> line_;
     Wire<SessionTable> sessions_;
     Wire<const AccessPolicy> access_;
+    Wire<TimeOfDay> time_;
     Wire<ports::History> history_;
-    Wire<ports::Clock> clock_;
     Wire<ports::Activity> activity_;
     std::deque<Pending> pending_;  ///< sorted by revision
 };

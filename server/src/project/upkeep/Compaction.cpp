@@ -26,7 +26,7 @@ Compaction::Compaction(std::optional<std::uint64_t> historyDays, const Parts& pa
       catchup_(parts.catchup),
       openings_(parts.openings),
       history_(ports.history),
-      clock_(ports.clock) {}
+      time_(parts.time) {}
 
 void Compaction::boundHistory() {
     const bool waits =
@@ -55,7 +55,7 @@ void Compaction::request(Session& session, const CompactHistory& request) {
 void Compaction::add(const std::optional<SessionId>& session, std::uint64_t request,
                      std::uint64_t days) {
     requests_.push_back(
-        {session, request, clock_->wallClockMs() - std::int64_t(days) * kDayMs, 0, {}});
+        {session, request, time_->earliestMs() - std::int64_t(days) * kDayMs, 0, {}});
     if (requests_.size() == 1) findNextBase();
 }
 

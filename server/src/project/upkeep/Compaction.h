@@ -32,6 +32,7 @@ public:
         const CommitReads& reads;
         const Catchup& catchup;
         const Openings& openings;
+        TimeOfDay& time;
     };
     Compaction(std::optional<std::uint64_t> historyDays, const Parts& parts, const Ports& ports);
 
@@ -69,7 +70,7 @@ private:
     Wire<const Catchup> catchup_;
     Wire<const Openings> openings_;
     Wire<ports::History> history_;
-    Wire<ports::Clock> clock_;
+    Wire<TimeOfDay> time_;
     std::deque<Request> requests_;  ///< the first one is in progress
 };
 

@@ -19,6 +19,8 @@ Result<std::int64_t> timeOf(const StoredCommit& stored) {
     return decodeCommit(read).map([](const Commit& commit) { return commit.timeMs; });
 }
 
+}  // namespace
+
 Result<std::int64_t> timeOf(const CommitStore& store, Revision revision) {
     Result<std::int64_t> time = fail(ErrorCode::StorageCorrupt,
                                      "commit " + std::to_string(revision) + " is not in the store");
@@ -30,9 +32,7 @@ Result<std::int64_t> timeOf(const CommitStore& store, Revision revision) {
     return time;
 }
 
-}  // namespace
-
-/// Searches by bisection: times grow with revisions, unless the clock was set back.
+/// Searches by bisection: times never fall (CH6), except in stores of earlier versions.
 Result<BaseLimit> findBase(const CommitStore& store, std::int64_t beforeMs, Revision upTo) {
     BaseLimit limit{store.base().revision, {}};
     for (Revision newer = upTo + 1; limit.revision + 1 < newer;) {

@@ -34,7 +34,7 @@ void IdleLayers::add(const LayerId& layer) {
     const LayerDoc* doc = line_->doc(layer);
     if (!doc || !layers_->has(layer) || added_.contains(layer) || sessions_->isOpen(layer)) return;
     const std::size_t bytes = kSpecBytes * doc->specCount() + snapshots_->storedBytes(layer);
-    idle_.emplace(++last_, Idle{layer, clock_->wallClockMs(), bytes});
+    idle_.emplace(++last_, Idle{layer, clock_->steadyMs(), bytes});
     added_.insert(layer);
     bytes_ += bytes;
 }
@@ -63,7 +63,7 @@ bool IdleLayers::isNeeded(const LayerId& layer) const {
 }
 
 void IdleLayers::unload() {
-    const std::int64_t now = clock_->wallClockMs();
+    const std::int64_t now = clock_->steadyMs();
     std::optional<std::set<LayerId>> locking;
     for (std::size_t left = idle_.size(); left > 0; --left) {
         const auto first = idle_.begin();

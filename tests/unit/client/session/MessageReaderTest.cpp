@@ -154,17 +154,22 @@ TEST(MessageReader, AMessageThatDoesNotSplitIsAnError) {
 
 class MessageReaderBlobs : public testing::Test {
 protected:
-    MessageReaderBlobs() {
+    MessageReaderBlobs() { welcome(); }
+    void welcome() {
         Welcome welcome;
         welcome.maxBlobBytes = 1'000'000;
-        only<ControlMessage>(reader_.read(encodeFrame(ControlFrame{encodeControl(welcome)})));
+        only<ControlMessage>(reader_->read(encodeFrame(ControlFrame{encodeControl(welcome)})));
+    }
+    void nextConnection() {
+        reader_.emplace(reader_->takeBegun());
+        welcome();
     }
     Result<SharedBytes> read(std::uint64_t offset, std::uint32_t bytes) {
         const ByteView part = ByteView(blob_).subspan(offset, bytes);
         return read(BlobFrame{sha256(blob_), blob_.size(), offset, bytes, deflate(part)});
     }
     Result<SharedBytes> read(const BlobFrame& part) {
-        auto received = only<ReceivedBlob>(reader_.read(encodeFrame(part)));
+        auto received = only<ReceivedBlob>(reader_->read(encodeFrame(part)));
         EXPECT_EQ(received.hash, part.hash);
         return std::move(received.whole);
     }
@@ -174,7 +179,7 @@ protected:
     }
 
     const Bytes blob_ = Bytes(600'000, 7);
-    MessageReader reader_;
+    std::optional<MessageReader> reader_{std::in_place};
 };
 
 TEST_F(MessageReaderBlobs, B2TheLastChunkCompletesTheValue) {
@@ -204,6 +209,24 @@ TEST_F(MessageReaderBlobs, AMismatchAbandonsTheValue) {
     expectMismatch(read(2 * kChunkBytes, 1'000));
     expectMismatch(read(kChunkBytes, kChunkBytes));  // the chunks of an abandoned request
     EXPECT_EQ(read(0, kChunkBytes), nullptr);        // then from the start again
+}
+
+TEST_F(MessageReaderBlobs, TL3TheNextConnectionContinues) {
+    EXPECT_EQ(read(0, kChunkBytes), nullptr);
+    EXPECT_EQ(read(kChunkBytes, kChunkBytes), nullptr);
+    nextConnection();
+    // The session had not seen the last part.
+    EXPECT_EQ(read(kChunkBytes, kChunkBytes), nullptr);
+    nextConnection();
+    const auto whole = read(2 * kChunkBytes, std::uint32_t(blob_.size() - 2 * kChunkBytes));
+    ASSERT_TRUE(whole && *whole);
+    EXPECT_EQ(**whole, blob_);
+}
+
+TEST_F(MessageReaderBlobs, TL3AValueThatNobodyContinuesIsDropped) {
+    EXPECT_EQ(read(0, kChunkBytes), nullptr);
+    for (int connection = 0; connection < 10; ++connection) nextConnection();
+    expectMismatch(read(kChunkBytes, kChunkBytes));
 }
 
 TEST_F(MessageReaderBlobs, V9BytesOfAnotherValueAreRefused) {

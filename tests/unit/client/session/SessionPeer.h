@@ -36,6 +36,8 @@ public:
     std::vector<std::pair<Bytes, Hash>> history;  ///< frames with length, chain hashes
     std::deque<Frame> sent;  ///< frames from the session that were not taken yet
     Epoch epoch = 1;
+    std::string project = "test";
+    StoreId store{"0123456789abcdef0123456789abcdef"};
     std::vector<std::string> features{"previews", "previewValues"};
 
     [[nodiscard]] Revision head() const { return history.size(); }
@@ -127,7 +129,8 @@ public:
     Welcome welcomeMessage(bool resumed) const {
         Welcome message;
         message.protocol = kProtocolVersion;
-        message.project = "test";
+        message.project = project;
+        message.store = store;
         message.epoch = epoch;
         message.revision = head();
         message.hash = hashAt(head());
@@ -140,7 +143,7 @@ public:
     /// Connects, and sends the commits that the session has missed.
     Hello connect() {
         sent.clear();
-        reader.emplace();
+        reader.emplace(reader->takeBegun());
         session.connected();
         const Hello hello = *takeControl<Hello>();
         deliver(welcomeMessage(hello.resume.has_value()));
@@ -215,7 +218,7 @@ public:
         for (const ByteView frame : *split) sent.push_back(*decodeFrame(frame));
     }
     bool takesParts = true;  ///< the connection accepts more data
-    bool takesMore() override { return takesParts; }
+    std::size_t bulkBytes() override { return takesParts ? kChunkBytes : 0; }
     SharedBytes localBlob(const Hash& hash) override {
         const auto found = blobs.find(hash);
         return found == blobs.end() ? nullptr : found->second;

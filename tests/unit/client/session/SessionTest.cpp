@@ -574,6 +574,64 @@ TEST_F(SessionTest, StaleWorkGetsNewAddresses) {
     EXPECT_TRUE(peer.agrees());
 }
 
+// ---- SE21: refusals for a reason that passes
+
+TEST_F(SessionTest, SE21WorkRefusedForAReasonThatPassesIsSentAgainInOrder) {
+    joinShot();
+    peer.author({authored("/B", createPrim())});
+    peer.author({authored("/B.y", createAttribute())});
+    peer.advance();
+    const Transaction first = peer.takeTransaction(), second = peer.takeTransaction();
+    const Error full{ErrorCode::StorageFull, "the disk is full"};
+    peer.deliver(RefusalFrame{first.id.sequence, 0, full});
+    peer.advance();
+    authorComment("/A", "later");
+    peer.nowMs += 10'000;
+    peer.advance();
+    EXPECT_TRUE(peer.sent.empty()) << "the second one is not answered yet";
+    peer.deliver(RefusalFrame{second.id.sequence, 0, full});
+    peer.advance();
+    EXPECT_EQ(peer.takeTransaction().id, first.id);
+    EXPECT_TRUE(peer.sent.empty()) << "one is enough to find out whether there is space";
+
+    peer.deliver(RefusalFrame{first.id.sequence, 0, full});
+    peer.advance();
+    EXPECT_TRUE(peer.sent.empty()) << "it is not sent again at once";
+    peer.nowMs += 10'000;
+    peer.advance();
+    peer.commitAndTell(peer.takeTransaction());
+    peer.advance();
+    peer.commitAndTell(peer.takeTransaction());
+    EXPECT_EQ(peer.docs.at(kShot).has("/B.y"), true);
+    peer.commitAndTell(peer.takeTransaction());
+    peer.advance();
+    EXPECT_EQ(peer.session.pendingTransactions(), 0u);
+    EXPECT_TRUE(peer.agrees());
+    EXPECT_TRUE(peer.eventsOf<event::Lost>().empty());
+    ASSERT_EQ(peer.eventsOf<event::ServerError>().size(), 1u) << "the editor is notified once";
+    EXPECT_EQ(peer.eventsOf<event::ServerError>()[0].message.code, "storageFull");
+}
+
+TEST_F(SessionTest, SE21ANewConnectionSendsAtOnceWhatWasRefusedForAReasonThatPasses) {
+    joinShot();
+    authorComment("/A", "mine");
+    const Transaction own = peer.takeTransaction();
+    peer.deliver(RefusalFrame{own.id.sequence, 0, {ErrorCode::StorageFailed, "failed"}});
+    peer.advance();
+    authorComment("/A", "newer");  // SE15: it was never accepted
+    EXPECT_EQ(peer.session.pendingTransactions(), 1u);
+    EXPECT_EQ(peer.text("/A", "comment"), "newer");
+    peer.session.disconnected({ErrorCode::NotConnected, "away"});
+    peer.connect();
+    peer.advance();
+    const Transaction again = peer.takeTransaction();
+    EXPECT_EQ(again.id, own.id);
+    peer.commitAndTell(again);
+    peer.advance();
+    EXPECT_TRUE(peer.agrees());
+    EXPECT_EQ(peer.text("/A", "comment"), "newer");
+}
+
 // ---- M9: connections
 
 TEST_F(SessionTest, M9PendingWorkIsSentOnceWhenTheSessionHasCaughtUp) {
@@ -810,47 +868,6 @@ TEST_F(SessionTest, M14AForgottenClientGetsBackItsSentWork) {
     EXPECT_TRUE(peer.agrees());
 }
 
-TEST_F(SessionTest, AnotherHistoryIsJoinedAgainAndWorkCarriedOver) {
-    joinShot();
-    authorComment("/A", "mine");
-    peer.session.disconnected({ErrorCode::NotConnected, "away"});
-    // The server was restored from a backup.
-    peer.history.clear();
-    peer.docs.clear();
-    peer.docs[kShot];
-    peer.log = {};
-    peer.creations.clear();
-    ++peer.epoch;
-    peer.commit(peer.foreign({edit("/A", createPrim()), edit("/A", setText("kind", "backup"))}));
-
-    peer.sent.clear();
-    peer.session.connected();
-    ASSERT_TRUE(peer.takeControl<Hello>()->resume);
-    peer.deliver(ErrorMessage{"historyDiverged", "another", false, {}, {}});
-    peer.deliver(peer.welcomeMessage(false));
-    peer.advance();
-    EXPECT_TRUE(peer.session.isJoined(kShot));
-    EXPECT_EQ(peer.text("/A", "comment"), "mine");
-    authorComment("/A", "meanwhile");
-    EXPECT_FALSE(peer.take<SubmitFrame>());
-
-    // The request was sent with the first frame after the welcome.
-    peer.session.disconnected({ErrorCode::NotConnected, "away again"});
-    peer.connect();
-    peer.advance();
-    peer.sendSnapshot(*peer.takeControl<OpenLayer>());
-    peer.advance();
-    EXPECT_EQ(peer.text("/A", "kind"), "backup");
-    EXPECT_EQ(peer.text("/A", "comment"), "meanwhile");
-    const Transaction first = peer.takeTransaction();
-    EXPECT_EQ(first.base, 1u);
-    peer.commitAndTell(first);
-    peer.commitAndTell(peer.takeTransaction());
-    peer.advance();
-    EXPECT_TRUE(peer.agrees());
-    EXPECT_TRUE(peer.eventsOf<event::Lost>().empty());
-}
-
 // When the layer is joined again, the prim exists already.
 TEST_F(SessionTest, M13CarriedOverWorkIsMergedWithSpecsOfOthers) {
     joinShot();
@@ -933,15 +950,16 @@ TEST_F(SessionTest, RequestsOnTheirWayAreSentAgain) {
     peer.connect();
     peer.session.openLayer(kShot);
     peer.advance();
-    peer.sendSnapshot(*peer.takeControl<OpenLayer>());
     Commit stray = peer.commit(peer.foreign({edit("/A", createPrim())}));
+    peer.sendSnapshot(*peer.takeControl<OpenLayer>());
     stray.previous = sha256(asBytes("another history"));
     peer.deliver(CommitFrame{stray});
     peer.advance();
     EXPECT_FALSE(peer.session.isConnected());
-    EXPECT_FALSE(peer.session.isJoined(kShot)) << "no valid commit follows the snapshot";
+    EXPECT_FALSE(peer.session.isJoined(kShot))
+        << "the commit that the snapshot contains was not valid";
     peer.session.disconnected({ErrorCode::NotConnected, "it was closed"});
-    peer.connect();
+    EXPECT_TRUE(peer.connect().resume) << "the server compares the histories";
     peer.advance();
     const auto open = peer.takeControl<OpenLayer>();
     ASSERT_TRUE(open);
@@ -1244,8 +1262,7 @@ TEST_F(SessionTest, V9ABigValueIsRequestedOnceAndAgainAfterAReconnect) {
     peer.session.disconnected({ErrorCode::NotConnected, "away"});
     peer.connect();
     peer.advance();
-    EXPECT_TRUE(peer.takeControl<RequestBlob>());
-    part(0, kChunkBytes);
+    EXPECT_EQ(peer.takeControl<RequestBlob>()->offset, kChunkBytes) << "TL3";
     part(kChunkBytes, kChunkBytes);
     part(2 * kChunkBytes, big.bytes->size() - 2 * kChunkBytes);
     peer.advance();
@@ -1502,6 +1519,53 @@ TEST_F(SessionTest, B1AnUploadThatIsRefusedIsSentAgain) {
     EXPECT_TRUE(peer.agrees());
 }
 
+// The last part before the cut is sent again: nobody knows whether it arrived.
+TEST_F(SessionTest, TL2AnUploadContinuesWhereTheConnectionWasLost) {
+    joinShot();
+    const BigValue big = bigValue(1);
+    peer.blobs[big.value.hash()] = big.bytes;
+    peer.author({authored("/A.x", setDefault(big))});
+    peer.advance();
+    std::vector<std::uint64_t> offsets;
+    const auto takeParts = [&] {
+        offsets.clear();
+        while (const auto part = peer.take<BlobFrame>()) offsets.push_back(part->offset);
+    };
+    takeParts();
+    EXPECT_EQ(offsets, (std::vector<std::uint64_t>{0, kChunkBytes, 2 * kChunkBytes}));
+    const auto reconnect = [&](std::size_t unconfirmed) {
+        peer.session.disconnected({ErrorCode::NotConnected, "cut"}, unconfirmed);
+        peer.advance();
+        peer.connect();
+        peer.advance();
+        takeParts();
+    };
+    reconnect(0);
+    EXPECT_EQ(offsets, std::vector<std::uint64_t>{2 * kChunkBytes}) << "its answer was lost";
+    reconnect(1);
+    EXPECT_EQ(offsets, std::vector<std::uint64_t>{2 * kChunkBytes});
+    reconnect(10'000'000);
+    EXPECT_EQ(offsets, std::vector<std::uint64_t>{2 * kChunkBytes}) << "before are earlier ones";
+    peer.takesParts = false;  // cut again before a part could be sent
+    reconnect(0);
+    reconnect(0);
+    EXPECT_TRUE(offsets.empty());
+    peer.takesParts = true;
+    peer.advance();
+    takeParts();
+    EXPECT_EQ(offsets, std::vector<std::uint64_t>{2 * kChunkBytes});
+    // The server has dropped what had arrived.
+    peer.deliver(ErrorMessage{"blobMismatch", "nothing to continue", false, {}, big.value.hash()});
+    for (int frame = 0; frame < 100; ++frame) peer.advance();
+    takeParts();
+    EXPECT_EQ(offsets, (std::vector<std::uint64_t>{0, kChunkBytes, 2 * kChunkBytes}));
+    peer.deliver(BlobStored{big.value.hash()});
+    peer.advance();
+    peer.commitAndTell(peer.takeTransaction());
+    peer.advance();
+    EXPECT_TRUE(peer.agrees());
+}
+
 TEST_F(SessionTest, V9BytesOfAnotherValueAreRefused) {
     joinShot();
     const Hash hash = sha256(asBytes("what was asked for"));
@@ -1578,9 +1642,4 @@ TEST_F(SessionTest, TheClosingErrorOfAServerIsReported) {
     peer.advance();
     ASSERT_EQ(peer.eventsOf<event::ServerError>().size(), 1u);
     EXPECT_EQ(peer.eventsOf<event::ServerError>()[0].message.code, "shuttingDown");
-}
-
-TEST(Session, ClientIdsAreRandom) {
-    EXPECT_EQ(newClientId().value.size(), 32u);
-    EXPECT_NE(newClientId(), newClientId());
 }

@@ -27,10 +27,22 @@ TEST(ServerAddress, HasADefaultPortAndNoLayer) {
 }
 
 TEST(ServerAddress, ReadsIpv6) {
-    const auto address = parseServerAddress("ws://[::1]:80/a.usd");
-    ASSERT_TRUE(address);
-    EXPECT_EQ(address->host, "::1");
-    EXPECT_EQ(address->url(), "ws://[::1]:80/a.usd");
+    for (const std::string text : {"ws://[::1]:80/a.usd", "usdlive://%5B::1%5D:80/a.usd"}) {
+        const auto address = parseServerAddress(text);
+        ASSERT_TRUE(address) << text;
+        EXPECT_EQ(address->host, "::1");
+        EXPECT_EQ(address->url(), "ws://[::1]:80/a.usd");
+    }
+}
+
+TEST(ServerAddress, ReadsAddressesAsPeopleWriteThem) {
+    for (const std::string text : {"WS://h/A.usda", "Ws://H:7447/A.usda", "USDLIVE://h/A.usda",
+                                   "H/A.usda", " ws://h/A.usda\n"}) {
+        const auto address = parseServerAddress(text);
+        ASSERT_TRUE(address) << text;
+        EXPECT_EQ(address->url(), "ws://h:7447/A.usda") << text;
+    }
+    EXPECT_EQ(parseServerAddress("DDS://Shots")->url(), "dds://Shots");
 }
 
 TEST(ServerAddress, DecodesPercentsBothWays) {

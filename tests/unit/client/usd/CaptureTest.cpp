@@ -255,6 +255,26 @@ TEST_F(CaptureTest, AnUnsupportedValueIsReportedAndUndone) {
     expectSame();
 }
 
+// The message has only the beginning of its text.
+TEST_F(CaptureTest, AnUnsupportedValueIsKeptAsItsWholeText) {
+    const auto a = prim("A");
+    seal();
+    const std::string text(100'000, 'x');
+    layer->SetField(a->GetPath(), pxr::TfToken("assetInfo"),
+                    pxr::VtValue(pxr::VtDictionary{{"ours", pxr::VtValue(text)},
+                                                   {"theirs", pxr::VtValue(std::vector<int>{1})}}));
+    EXPECT_TRUE(seal().empty());
+    ASSERT_EQ(lost.size(), 1u);
+    EXPECT_LT(lost[0].reason.message.size(), 2'000u);
+    ASSERT_EQ(lost[0].edits.size(), 1u);
+    const auto& kept = std::get<SetField>(lost[0].edits[0].action);
+    EXPECT_EQ(kept.field, "customData");
+    EXPECT_EQ(std::get<DictionaryKey>(kept.part).path,
+              (std::vector<std::string>{"lost", "assetInfo"}));
+    EXPECT_NE(std::string(textOf(*kept.value.as<Value>()).value()).find(text), std::string::npos);
+    expectSame();
+}
+
 // D1: such a value would hang the composition of everybody.
 TEST_F(CaptureTest, AForbiddenValueIsReportedAndUndone) {
     layer->SetTimeCodesPerSecond(30);

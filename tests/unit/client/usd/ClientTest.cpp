@@ -2,6 +2,7 @@
 #include "usdlive/client/usd/Client.h"
 
 #include <gtest/gtest.h>
+#include <pxr/base/tf/errorMark.h>
 #include <pxr/base/vt/array.h>
 #include <pxr/base/vt/value.h>
 #include <pxr/usd/sdf/attributeSpec.h>
@@ -67,6 +68,16 @@ std::map<LayerId, LayerDoc> project() {
             {kAnim, docOf("over \"World\" {\n double x.timeSamples = {1: 2, 3: 4}\n}\n")},
             {kLookLayer, docOf("def \"Look\" {\n}\n")},
             {kProp, docOf("(\n defaultPrim = \"Prop\"\n)\ndef \"Prop\" {\n}\n")}};
+}
+
+void expectRefusesEdits(const pxr::SdfLayerHandle& layer) {
+    const std::string before = exportedText(layer);
+    EXPECT_FALSE(layer->PermissionToEdit());
+    pxr::TfErrorMark errors;
+    layer->SetComment("nobody gets it");
+    EXPECT_FALSE(errors.IsClean());
+    errors.Clear();
+    EXPECT_EQ(exportedText(layer), before);
 }
 
 class ClientTest : public ::testing::Test {
@@ -315,6 +326,59 @@ TEST_F(ClientTest, M12WorkFromBeforeALayerWasLiveIsKept) {
     EXPECT_TRUE((*kept)->GetPrimAtPath(SdfPath("/Early")));
 }
 
+// The client has not looked for loaded layers yet.
+TEST_F(ClientTest, M12FlushReportsWorkFromBeforeALayerWasLive) {
+    const auto ada = connect("ada");
+    const auto layer = SdfLayer::FindOrOpen((ada->cacheFolder() / kLookLayer.value).string());
+    pxr::SdfCreatePrimInLayer(layer, SdfPath("/Early"));
+    EXPECT_TRUE(ada->flush(1000));
+    EXPECT_EQ(ada->lostWorkCount(), 1u);
+    EXPECT_EQ(ada->layerId(layer), kLookLayer);
+}
+
+TEST_F(ClientTest, ALayerThatCannotBeReadRefusesEditsUntilItIsMended) {
+    server.unreadable.insert(kAnim);
+    const auto ada = connect("ada");
+    std::vector<event::JoinFailed> failures;
+    ada->setEventHandler([&](const client::Event& event) {
+        if (const auto* failed = std::get_if<event::JoinFailed>(&event))
+            failures.push_back(*failed);
+    });
+    const auto root = open(*ada, kRoot);
+    const auto anim = SdfLayer::Find(ada->identifierOf(kAnim));
+    ASSERT_TRUE(anim);
+    expectRefusesEdits(anim);
+    EXPECT_FALSE(ada->layerId(anim));
+    // It is joined again at once after a reconnect, and in pauses.
+    for (const bool isMended : {false, true}) {
+        if (isMended) server.unreadable.clear();
+        server.setReachable(false);
+        tick({ada.get()});
+        server.setReachable(true);
+        const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(5);
+        while ((!ada->isConnected() || anim->PermissionToEdit() != isMended) &&
+               std::chrono::steady_clock::now() < end) {
+            ada->tick();
+            std::this_thread::sleep_for(std::chrono::milliseconds(1));
+        }
+        for (int i = 0; i < 10; ++i) tick({ada.get()});
+        EXPECT_EQ(anim->PermissionToEdit(), isMended);
+    }
+    ASSERT_EQ(failures.size(), 1u);
+    EXPECT_EQ(failures[0].reason.code, ErrorCode::LayerUnreadable);
+    EXPECT_EQ(exportedText(anim), serverText(kAnim));
+    anim->SetComment("mine");
+    EXPECT_TRUE(ada->flush(1000));
+    EXPECT_NE(serverText(kAnim).find("mine"), std::string::npos);
+}
+
+TEST_F(ClientTest, LayersOfAClientThatIsGoneRefuseEdits) {
+    auto ada = connect("ada");
+    const auto layer = open(*ada, kLookLayer);
+    ada.reset();
+    expectRefusesEdits(layer);
+}
+
 TEST_F(ClientTest, WorkDoneOfflineArrivesLater) {
     const auto ada = connect("ada"), bo = connect("bo");
     const auto hers = open(*ada, kRoot), his = open(*bo, kRoot);
@@ -405,6 +469,8 @@ TEST_F(ClientTest, ClosingAndOpeningAgainLosesOnlyEditsInBetween) {
     open(*ada, kLookLayer);
     EXPECT_EQ(ada->lostWorkCount(), 0u);
     ada->close(kLookLayer);
+    expectRefusesEdits(layer);
+    layer->SetPermissionToEdit(true);
     pxr::SdfCreatePrimInLayer(layer, SdfPath("/Between"));
     open(*ada, kLookLayer);
     ASSERT_EQ(ada->lostWorkCount(), 1u);
@@ -553,6 +619,8 @@ TEST_F(ClientTest, AClosedLayerIsIndependent) {
     EXPECT_FALSE(ada->layerId(hers));
     tick({ada.get(), bo.get()});
     EXPECT_EQ(his->GetComment(), "last");
+    expectRefusesEdits(hers);
+    hers->SetPermissionToEdit(true);  // she wants a copy of her own
     hers->SetComment("alone");
     his->SetDocumentation("together");
     tick({ada.get(), bo.get()});

@@ -12,6 +12,7 @@
 
 #include "unit/common/usd/MemoryBlobs.h"
 #include "usd/LostWorkStore.h"
+#include "usdlive/common/core/ByteStream.h"
 
 using namespace usdlive;
 using client::AuthoredEdit;
@@ -25,6 +26,8 @@ namespace fs = std::filesystem;
 namespace {
 
 const ClientId kClient{"0123456789abcdef0123456789abcdef"};
+const Hash kSecret = sha256(asBytes("secret"));
+const StoreId kStore{"00112233445566778899aabbccddeeff"};
 
 std::vector<AuthoredEdit> editsOf(int number) {
     return {{LayerId{"shot.usda"}, "/p" + std::to_string(number), CreateSpec{SpecKind::Prim}}};
@@ -41,12 +44,12 @@ protected:
     void write(Journal& journal, int from, int to) {
         for (int number = from; number < to; ++number) {
             const auto edits = editsOf(number);
-            journal.pending({std::uint64_t(number), 7, sha256(asBytes("seven")), edits});
+            journal.pending({std::uint64_t(number), 7, sha256(asBytes("seven")), kStore, edits});
         }
     }
-    std::vector<client::UnsentWork> left() {
+    std::vector<client::UnsentWork> left(const StoreId& store = kStore) {
         std::vector<Error> damaged;
-        auto found = LeftJournal::list(folder, damaged);
+        auto found = LeftJournal::list(folder, store, damaged);
         EXPECT_TRUE(damaged.empty());
         return found;
     }
@@ -58,7 +61,7 @@ protected:
 
 TEST_F(JournalTest, KeepsUnansweredWork) {
     {
-        Journal journal(folder, kClient, blobs);
+        Journal journal(folder, kClient, kSecret, blobs);
         write(journal, 1, 10);
         journal.flush();
         EXPECT_TRUE(left().empty()) << "a journal in use belongs to its process";
@@ -76,10 +79,43 @@ TEST_F(JournalTest, KeepsUnansweredWork) {
     EXPECT_EQ(work.edits.at(0).path, "/p9");
     EXPECT_EQ(work.revision, 7u);
     EXPECT_EQ(work.hash, sha256(asBytes("seven")));
+    EXPECT_EQ(work.store, kStore);
+    EXPECT_EQ(journal->secret(), kSecret) << "ID5: its work is sent with its client's id";
+}
+
+// ID3: the folder of a project is named after it, and another one may have the same name.
+TEST_F(JournalTest, ID3KnowsForWhichProjectItsWorkIs) {
+    {
+        Journal journal(folder, kClient, kSecret, blobs);
+        write(journal, 1, 3);
+    }
+    EXPECT_FALSE(left(kStore).at(0).otherProject);
+    EXPECT_FALSE(left(StoreId{}).at(0).otherProject) << "the server is of an earlier version";
+    EXPECT_TRUE(left({"another"}).at(0).otherProject);
+}
+
+// A journal of an earlier version has no identity: only the chain of hashes tells where it belongs.
+TEST_F(JournalTest, ID3ReadsAJournalWithoutAnIdentity) {
+    {
+        auto file = RecordFile::open(folder / (kClient.value + ".journal"), RecordFile::Mode::New);
+        ASSERT_TRUE(file);
+        Bytes record{1};  // a transaction, as it was written before
+        appendNumber<std::uint64_t>(record, 5);
+        appendNumber<std::int64_t>(record, 1'000);
+        appendNumber<std::uint64_t>(record, 7);
+        appendBytes(record, sha256(asBytes("seven")).bytes);
+        appendBytes(record, client::encodeAuthored(5, editsOf(5)));
+        ASSERT_TRUE(file->append({record}));
+    }
+    EXPECT_FALSE(left(kStore).at(0).otherProject);
+    const auto journal = LeftJournal::open(folder, kClient);
+    ASSERT_TRUE(journal) << journal.error().message;
+    EXPECT_EQ(journal->works().at(5).edits.at(0).path, "/p5");
+    EXPECT_EQ(journal->works().at(5).hash, sha256(asBytes("seven")));
 }
 
 TEST_F(JournalTest, IsRemovedWhenAllIsAnswered) {
-    Journal journal(folder, kClient, blobs);
+    Journal journal(folder, kClient, kSecret, blobs);
     write(journal, 1, 100);
     journal.flush();
     EXPECT_FALSE(fs::is_empty(folder));
@@ -95,7 +131,7 @@ TEST_F(JournalTest, IsRemovedWhenAllIsAnswered) {
 // A crash may cut the file anywhere: complete records are kept.
 TEST_F(JournalTest, ATornRecordEndsTheJournal) {
     {
-        Journal journal(folder, kClient, blobs);
+        Journal journal(folder, kClient, kSecret, blobs);
         write(journal, 1, 4);
     }
     const fs::path file = folder / (kClient.value + ".journal");
@@ -123,17 +159,17 @@ TEST_F(JournalTest, B7KeepsTheBigValuesThatItsWorkNames) {
     };
     const fs::path values = folder / (kClient.value + ".blobs");
     const auto count = [&] { return std::distance(fs::directory_iterator(values), {}); };
-    Journal journal(folder, kClient, blobs);
+    Journal journal(folder, kClient, kSecret, blobs);
     for (int number = 0; number < 20; ++number) {
         const auto edits = dragged(number);
-        journal.pending({1, 7, sha256(asBytes("seven")), edits});
+        journal.pending({1, 7, sha256(asBytes("seven")), kStore, edits});
         EXPECT_EQ(journal.neededBlobs().size(), 1u);
         journal.flush();
         EXPECT_EQ(count(), 1);
         EXPECT_TRUE(journal.neededBlobs().empty());
     }
     const auto same = dragged(19);
-    journal.pending({2, 7, sha256(asBytes("seven")), same});
+    journal.pending({2, 7, sha256(asBytes("seven")), kStore, same});
     journal.flush();
     journal.answered(1);
     journal.flush();
@@ -157,8 +193,8 @@ TEST_F(JournalTest, B7ValuesOfWorkThatCannotBeWrittenAreRemoved) {
     ASSERT_EQ(::getrlimit(RLIMIT_FSIZE, &before), 0);
     const rlimit small{10'000, before.rlim_max};
     ASSERT_EQ(::setrlimit(RLIMIT_FSIZE, &small), 0);
-    Journal journal(folder, kClient, blobs);
-    journal.pending({1, 7, sha256(asBytes("seven")), edits});
+    Journal journal(folder, kClient, kSecret, blobs);
+    journal.pending({1, 7, sha256(asBytes("seven")), kStore, edits});
     journal.flush();
     ::setrlimit(RLIMIT_FSIZE, &before);
     std::signal(SIGXFSZ, handler);
@@ -183,7 +219,7 @@ TEST_F(JournalTest, B7ValuesWithoutTheirJournalAreRemoved) {
 
 TEST_F(JournalTest, SaysOnceThatItCannotBeWritten) {
     std::ofstream(folder / "file") << "in the way";
-    Journal journal(folder / "file", kClient, blobs);
+    Journal journal(folder / "file", kClient, kSecret, blobs);
     write(journal, 1, 2);
     journal.flush();
     const auto error = journal.takeError();

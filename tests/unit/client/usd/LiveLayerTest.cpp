@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "unit/common/usd/MemoryBlobs.h"
+#include "usdlive/common/core/ByteStream.h"
 #include "usdlive/common/protocol/Snapshot.h"
 
 using namespace usdlive;
@@ -38,6 +39,14 @@ LayerDoc bigDoc(const std::string& name, int prims = 6'000) {
         EXPECT_TRUE(doc.apply(path, SetField{"documentation", {}, stringValue(path)}));
     }
     return doc;
+}
+
+Value subLayer(const std::string& path) {
+    Bytes bytes;
+    appendText(bytes, path);
+    appendNumber<double>(bytes, 0);
+    appendNumber<double>(bytes, 1);
+    return {ValueType::SubLayer, std::move(bytes)};
 }
 
 Parts partsOf(const LayerDoc& doc) {
@@ -191,4 +200,29 @@ TEST_F(LiveLayerTest, ALayerThatIsClosedMeanwhileKeepsItsContent) {
         closed.takeOut("/W/p0", "documentation");
     }
     EXPECT_TRUE(*usd::readLayer(layer, blobs) == doc);
+}
+
+// OpenUSD crashes on some edits of layer stacks in one change block.
+TEST_F(LiveLayerTest, EditsOfTheLayerStackGetChangeBlocksOfTheirOwn) {
+    show(bigDoc("W", 1));
+    expectView();
+    apply("/", SetField{"expressionVariables", DictionaryKey{{"V"}}, stringValue("one"), {}});
+    apply("/", SetField{"expressionVariables", DictionaryKey{{"V"}}, stringValue("two"), {}});
+    apply("/", SetField{"subLayers",
+                        ListItem{ListName::Explicit, subLayer("./b.usda"), std::nullopt},
+                        {},
+                        ValueType::SubLayer});
+    apply("/W", SetField{"documentation", {}, stringValue("at once")});
+    EXPECT_EQ(live.layer()->GetExpressionVariables().size(), 0U);
+    EXPECT_EQ(live.layer()->GetNumSubLayerPaths(), 0U);
+    std::vector<std::size_t> variables;
+    while (live.hasApart()) {
+        EXPECT_FALSE(live.isIdle());
+        const pxr::SdfChangeBlock block;
+        live.applyApart();
+        variables.push_back(live.layer()->GetExpressionVariables().size());
+    }
+    EXPECT_EQ(variables, (std::vector<std::size_t>{1, 2, 1, 1}));
+    EXPECT_FALSE(live.hasWrites());
+    expectView();
 }

@@ -35,6 +35,7 @@ public:
         return !inbox.empty();
     }
     std::size_t queuedBytes() const override { return 0; }
+    std::size_t bulkBytes() const override { return kChunkBytes; }
     void reset() override { cut("reset"); }
 
     void cut(const std::string& why) {
@@ -131,6 +132,8 @@ void MemoryServer::loadLayer(const LayerId& layer) {
         const auto file = files.find(layer);
         if (file == files.end())
             project_->layerLoaded(layer, fail(ErrorCode::LayerNotFound, "no layer " + layer.value));
+        else if (unreadable.contains(layer))
+            project_->layerLoaded(layer, fail(ErrorCode::LayerUnreadable, "it does not parse"));
         else
             project_->layerLoaded(layer, server::LoadedLayer{file->second});
     });

@@ -5,6 +5,7 @@
 #include <functional>
 #include <map>
 #include <memory>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -32,6 +33,7 @@ public:
     void setFiles(const std::vector<server::LayerFile>& files) { project_->setFiles(files); }
 
     std::map<LayerId, LayerDoc> files;
+    std::set<LayerId> unreadable;  ///< layers of `files` that do not parse
     std::map<Hash, Bytes> blobs;
     std::map<std::string, Bytes> uploaded;  ///< by path
     std::vector<LayerId> saved;
@@ -82,6 +84,7 @@ public:
     void checkFile(const LayerId&) override {}
     void reloadLayer(server::SessionId, std::uint64_t, const LayerId&, LayerDoc) override {}
     [[nodiscard]] std::int64_t wallClockMs() override { return 1'700'000'000'000; }
+    [[nodiscard]] std::int64_t steadyMs() override { return 0; }
 
 private:
     friend class MemoryConnection;

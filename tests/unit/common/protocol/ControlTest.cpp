@@ -3,6 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include "usdlive/common/protocol/ServerControl.h"
+
 namespace usdlive {
 namespace {
 
@@ -14,8 +16,43 @@ void expectRoundTrip(const ControlMessage& message) {
     EXPECT_EQ(*decoded, message);
 }
 
+// Every list that a server can send about the largest project. A tenth of it shows the size.
+TEST(Control, WhatAServerCanSendAClientAccepts) {
+    constexpr std::size_t kPart = 10;
+    Welcome welcome;
+    LayerStates states;
+    LayersSaved saved;
+    LayersReloaded reloaded;
+    Storage storage;
+    for (std::size_t number = 0; number < kMaxLayers / kPart; ++number) {
+        const LayerId layer{std::string(kMaxLayerNameBytes / kMaxLayers - 5, 'n') + ".usda"};
+        welcome.layers.push_back({layer});
+        LayerState& state = states.layers.emplace_back();
+        state.layer = layer;
+        state.owner = "ada";
+        saved.saved.push_back(layer);
+        reloaded.failed.push_back({layer, "locked", layer.value + " is locked by somebody else"});
+        storage.layers.push_back({layer, 1, 1, 1, 1, 1, 1});
+    }
+    for (const ControlMessage& message :
+         {ControlMessage(welcome), ControlMessage(ProjectLayers{welcome.layers}),
+          ControlMessage(states), ControlMessage(saved), ControlMessage(reloaded),
+          ControlMessage(storage)})
+        EXPECT_LE(encodeControl(message).size() * kPart, kMaxServerControlBytes) << message.index();
+    const auto tenth = welcome.layers;
+    for (std::size_t part = 1; part < kPart; ++part)
+        welcome.layers.insert(welcome.layers.end(), tenth.begin(), tenth.end());
+    const std::string json = encodeControl(welcome);
+    const auto read = decodeServerControl(json);
+    ASSERT_TRUE(read) << read.error().message;
+    EXPECT_EQ(std::get<Welcome>(*read).layers.size(), kMaxLayers);
+    EXPECT_FALSE(decodeControl(json)) << "a client sends less";
+    EXPECT_FALSE(decodeServerControl(std::string(kMaxServerControlBytes + 1, ' ')));
+}
+
 TEST(Control, EveryMessageComesBackAsItWas) {
-    Hello hello{2, 1, {"a", "b"}, {"0123456789abcdef0123456789abcdef"}, {"Zoë"}, "usdview", {}, {}};
+    Hello hello{2,  1,  {"a", "b"}, {"0123456789abcdef0123456789abcdef"}, {"Zoë"}, "usdview",
+                {}, {}, {}};
     expectRoundTrip(hello);
     hello.resume = Hello::Resume{3, 1ull << 60, kHash};
     expectRoundTrip(hello);
@@ -129,7 +166,7 @@ TEST(Control, LN1NamesThatLeadOutAreReported) {
 }
 
 TEST(Control, LengthsAreBounded) {
-    Hello hello{1, 1, {}, {"c"}, {std::string(300, 'u')}, "", {}, {}};
+    Hello hello{1, 1, {}, {"c"}, {std::string(300, 'u')}, "", {}, {}, {}};
     EXPECT_FALSE(decodeControl(encodeControl(hello)));
     ErrorMessage error{"internal", std::string(1'000'000, 'x'), false, {}, {}};
     const auto decoded = decodeControl(encodeControl(error));  // the writer cuts long texts

@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "SampleFrames.h"
+#include "usdlive/common/protocol/CompactFrame.h"
 
 using namespace usdlive;
 using namespace usdlive::test;
@@ -15,6 +16,7 @@ using namespace usdlive::test;
 namespace {
 
 const std::string kFrames = vectorsFile("frames.json");
+const std::string kCompact = vectorsFile("compact.json");
 
 /// The meaning of each sample of a frame, in the order of the file.
 std::vector<std::pair<std::string, Frame>> meanings() {
@@ -51,7 +53,71 @@ std::vector<std::pair<std::string, Frame>> meanings() {
     return all;
 }
 
+/// The compact frames that one side sends to the other, in order, with their names.
+struct NamedBytes {
+    std::string name;
+    Bytes bytes;
+};
+std::vector<NamedBytes> compactSamples() {
+    const Transaction transaction{{{}, 4}, 17, 5, everyKindOfEdit()};
+    const PreviewFrame preview{{"someone"}, 3, 17, everyKindOfEdit()};
+    const CompactCommit commit{sampleCommit(), sha256(asBytes("after"))};
+    NameNumbers numbers;
+    KnownNames known;
+    std::vector<NamedBytes> all;
+    const auto add = [&](const std::string& name, const auto& content) {
+        const auto frame = encodeCompact(content, numbers).value();
+        if (const SharedBytes names = known.introduce(frame))
+            all.push_back({"names of " + name, *names});
+        all.push_back({name, *frame.bytes});
+    };
+    add("transaction whose names are spelled", transaction);
+    add("transaction whose names are new", transaction);
+    add("transaction whose names are known", transaction);
+    add("preview", preview);
+    add("commit", commit);
+    add("commit again", commit);
+    const Commit& it = commit.commit;
+    all.push_back({"acceptance", encodeAcceptance({it.revision, it.epoch, it.id.sequence, it.timeMs,
+                                                   it.previous, commit.hashAfter})});
+    return all;
+}
+
 }  // namespace
+
+// The samples are read in order, as those of one connection.
+TEST(Vectors, CompactFramesHaveTheirMeaning) {
+    auto file = nlohmann::ordered_json::parse(std::ifstream(kCompact));
+    if (writesVectors() && file["frames"].empty()) {
+        for (const auto& [name, bytes] : compactSamples())
+            file["frames"].push_back(
+                {{"name", name}, {"bytes", toHex(ByteView(bytes).subspan(4))}});
+        std::ofstream(kCompact) << file.dump(1) << "\n";
+        return;
+    }
+    CompactReader reader, written;
+    const auto meanings = compactSamples();
+    ASSERT_EQ(file["frames"].size(), meanings.size());
+    for (std::size_t index = 0; index < meanings.size(); ++index) {
+        const auto& sample = file["frames"][index];
+        SCOPED_TRACE(sample["name"]);
+        const auto content = reader.read(fromHex(sample["bytes"]));
+        const auto meaning = written.read(ByteView(meanings[index].bytes).subspan(4));
+        ASSERT_TRUE(content && meaning);
+        EXPECT_TRUE(*content == *meaning);
+    }
+}
+
+TEST(Vectors, InvalidCompactFramesAreRefusedWithTheirCode) {
+    const auto file = nlohmann::ordered_json::parse(std::ifstream(kCompact));
+    ASSERT_FALSE(file["refused"].empty());
+    for (const auto& sample : file["refused"]) {
+        SCOPED_TRACE(sample["name"]);
+        const auto content = CompactReader().read(fromHex(sample["bytes"]));
+        ASSERT_FALSE(content);
+        EXPECT_EQ(errorName(content.error().code), sample["code"].get<std::string>());
+    }
+}
 
 TEST(Vectors, FramesHaveTheirMeaning) {
     auto file = nlohmann::ordered_json::parse(std::ifstream(kFrames));

@@ -9,6 +9,9 @@
 #include <unistd.h>
 
 #include <fstream>
+#include <functional>
+#include <iterator>
+#include <map>
 #include <thread>
 
 #include "Digest.h"
@@ -243,6 +246,93 @@ TEST_F(CacheTest, HashesFilesOfAnEarlierStartOfTheMachine) {
     EXPECT_EQ(get(cache, "stone"), "stone");
     EXPECT_TRUE(cache.isReady(kOrigin, hashOfText("stone")));
     EXPECT_EQ(downloads, 3) << "only the damaged file was fetched again";
+}
+
+// Every file of the cache, damaged in every way, in the process that wrote it and in others.
+TEST_F(CacheTest, ADamagedFileIsFetchedAgain) {
+    using Damage = std::function<void(const fs::path&)>;
+    const auto replacedBy = [](auto make) {
+        return [make](const fs::path& file) {
+            fs::remove(file);
+            make(file);
+        };
+    };
+    const fs::path other = folder / "other";
+    std::ofstream(other) << "a file of somebody else";
+    const std::map<std::string, Damage> damages{
+        {"a flipped bit",
+         [](const fs::path& file) {
+             std::fstream stream(file, std::ios::in | std::ios::out);
+             stream.seekg(1);
+             const char flipped = char(stream.get() ^ 1);
+             stream.seekp(1);
+             stream.put(flipped);
+         }},
+        {"a flipped bit that leaves the time",
+         [](const fs::path& file) {
+             const auto time = fs::last_write_time(file);
+             std::fstream stream(file, std::ios::in | std::ios::out);
+             stream.put('!');
+             stream.close();
+             fs::last_write_time(file, time);
+         }},
+        {"no content", [](const fs::path& file) { fs::resize_file(file, 0); }},
+        {"one byte less",
+         [](const fs::path& file) { fs::resize_file(file, fs::file_size(file) - 1); }},
+        {"one byte more",
+         [](const fs::path& file) { fs::resize_file(file, fs::file_size(file) + 1); }},
+        {"another text", [](const fs::path& file) { std::ofstream(file) << "another text"; }},
+        {"gone", [](const fs::path& file) { fs::remove(file); }},
+        {"a folder", replacedBy([](const fs::path& file) { fs::create_directory(file); })},
+        {"a link", replacedBy([&](const fs::path& file) { fs::create_symlink(other, file); })},
+        {"a link to nothing",
+         replacedBy([](const fs::path& file) { fs::create_symlink("nothing", file); })},
+        {"a pipe", replacedBy([](const fs::path& file) { ::mkfifo(file.c_str(), 0600); })},
+    };
+    const std::string small = "#usda 1.0 small", large(3 << 20, 'x');
+    for (const std::string& text : {small, large})
+        for (const auto& [name, damage] : damages)
+            for (const char* part : {"files", "keys"})
+                for (const bool isSameProcess : {true, false}) {
+                    SCOPED_TRACE(name + " in " + part + (isSameProcess ? ", same" : ", other") +
+                                 " process, size " + std::to_string(text.size()));
+                    const bool isSilent = name == "a flipped bit that leaves the time";
+                    if (isSilent && text == large && std::string_view(part) == "files") continue;
+                    fs::remove_all(folder / "files");
+                    fs::remove_all(folder / "keys");
+                    const auto isRead = [&](Cache& from) {
+                        const auto file = from.keyedFile(kOrigin, "12-ab/s.usda", downloadOf(text));
+                        return file && read(*file) == text;
+                    };
+                    Cache first({folder, kPlenty}), cache({folder, kPlenty});
+                    EXPECT_TRUE(isRead(first) && isRead(cache));
+                    ASSERT_TRUE(fs::exists(fileOf(text)));
+                    const std::string key = hashOfText("12-ab/s.usda");
+                    damage(part == std::string_view("files")
+                               ? fileOf(text)
+                               : folder / "keys" / key.substr(0, 2) / key);
+                    Cache next({folder, kPlenty});
+                    EXPECT_TRUE(isRead(isSameProcess ? cache : next));
+                    EXPECT_TRUE(isRead(next));
+                }
+    std::ifstream untouched(other);
+    EXPECT_EQ(std::string(std::istreambuf_iterator<char>(untouched), {}),
+              "a file of somebody else");
+}
+
+// The key of another layer, as after a mistake with a copy of the folder.
+TEST_F(CacheTest, AKeyOfAnotherFileIsNotBelieved) {
+    Cache cache({folder, kPlenty});
+    for (const char* text : {"one", "two"})
+        EXPECT_EQ(read(*cache.keyedFile(kOrigin, text, downloadOf(text))), text);
+    const auto keyFile = [&](const std::string& key) {
+        const std::string hash = hashOfText(key);
+        return folder / "keys" / hash.substr(0, 2) / hash;
+    };
+    fs::copy_file(keyFile("one"), keyFile("two"), fs::copy_options::overwrite_existing);
+    EXPECT_EQ(read(*cache.keyedFile(kOrigin, "two", downloadOf("two"))), "two");
+    std::ofstream(keyFile("two")) << hashOfText("one") << "\n";
+    EXPECT_EQ(read(*cache.keyedFile(kOrigin, "two", downloadOf("two"))), "two");
 }
 
 TEST_F(CacheTest, RemovesTheFilesThatWereNotUsedForTheLongestTime) {

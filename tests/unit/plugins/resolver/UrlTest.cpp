@@ -34,6 +34,20 @@ TEST(Url, HasOneIdentifier) {
     EXPECT_EQ(identifierOf("usdlive://h/my brick.png"), "usdlive://h:7447/my brick.png");
 }
 
+// OpenUSD reads brackets as the path of a file in a package, so no text of ours has them.
+TEST(Url, AHostMayBeAnIpv6Address) {
+    for (const char* text :
+         {"usdlive://[::1]/a.usdz", "usdlive://[::1]:7447/a.usdz",
+          "usdlive://[0:0:0:0:0:0:0:1]/a.usdz", "usdlive://%5B::1%5D:7447/a.usdz"})
+        EXPECT_EQ(identifierOf(text), "usdlive://%5B::1%5D:7447/a.usdz") << text;
+    EXPECT_EQ(identifierOf("usdlive://[FE80::00A1]:8/"), "usdlive://%5Bfe80::a1%5D:8/");
+    const auto url = parseUrl("usdlive://[::1]:8/@2/shot.usda");
+    EXPECT_EQ(url->host, "::1");
+    EXPECT_EQ(url->port, 8);
+    EXPECT_EQ(parseUrl(url->identifier()), url);
+    EXPECT_EQ(parseUrl(url->resolvedPath()), url);
+}
+
 TEST(Url, APinIsARevisionOrACheckpoint) {
     const auto revision = parseUrl("usdlive://h/a/shot.usda@1234");
     EXPECT_EQ(revision->path, "a/shot.usda");
@@ -103,7 +117,11 @@ TEST(Url, OtherTextsAreRefusedWithAReason) {
     EXPECT_NE(whyNot("usdlive:/a.usda").find("usdlive://"), std::string::npos);
     EXPECT_NE(whyNot("usdlive:///a.usda").find("host"), std::string::npos);
     EXPECT_NE(whyNot("usdlive://ada@h/a.usda").find("host"), std::string::npos);
-    EXPECT_NE(whyNot("usdlive://[::1]:1/a.usda").find("host"), std::string::npos);
+    for (const char* host :
+         {"[::1", "[]", "[::g]", "[::1]x", "::1", "[127.0.0.1]", "[fe80::1%25lo]"})
+        EXPECT_NE(whyNot("usdlive://" + std::string(host) + ":1/a.usda").find("host"),
+                  std::string::npos)
+            << host;
     for (const char* text : {"usdlive://h:/a", "usdlive://h:0/a", "usdlive://h:65536/a",
                              "usdlive://h:1x/a", "usdlive://h:-1/a"})
         EXPECT_NE(whyNot(text).find("port"), std::string::npos) << text;

@@ -157,6 +157,7 @@ TEST_F(AssetFilesTest, AS2LinksInsideTheProjectResolveAndOthersDoNot) {
     EXPECT_EQ(whyNot("tex"), AssetReason::NotFound) << "a folder is not a file";
     ASSERT_EQ(mkfifo((folder / "pipe").c_str(), 0600), 0);
     EXPECT_EQ(whyNot("pipe"), AssetReason::NotFound);
+    EXPECT_EQ(whyNot(std::string(300, 'n')), AssetReason::NotFound) << "no file can have this name";
 }
 
 TEST_F(AssetFilesTest, AS3AChangedFileHasAnotherHash) {

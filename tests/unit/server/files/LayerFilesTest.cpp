@@ -20,6 +20,7 @@
 #include <map>
 #include <random>
 
+#include "usdlive/common/protocol/ServerControl.h"
 #include "usdlive/common/usd/SdfLayerStore.h"
 
 using namespace usdlive;
@@ -232,6 +233,28 @@ TEST_F(LayerFilesTest, FI5ListsSkippedFilesWithTheReason) {
     EXPECT_THAT(skipped["loop"], HasSubstr("back to a folder"));
     EXPECT_THAT(skipped["dangling.usda"], HasSubstr("nowhere"));
     EXPECT_THAT(skipped["hidden"], HasSubstr("hidden"));
+}
+
+TEST_F(LayerFilesTest, FI5ListsNoMoreLayersThanClientsAccept) {
+    const std::string below(200, 'd'), name(200, 'n');
+    const std::size_t fits = kMaxLayerNameBytes / (4 * 201 + 205);
+    const fs::path deep = folder / below / below / below / below;
+    fs::create_directories(deep);
+    std::ofstream(deep / "first");
+    for (std::size_t number = 0; number < fits + 50; ++number) {
+        const std::string digits = std::to_string(number);
+        const fs::path file = deep / (digits + name.substr(digits.size()) + ".usda");
+        fs::create_hard_link(deep / "first", file);
+    }
+    std::size_t bytes = 0;
+    const auto listed = *files->list();
+    for (const LayerFile& file : listed) bytes += file.layer.value.size();
+    EXPECT_LE(bytes, kMaxLayerNameBytes);
+    EXPECT_GT(bytes, kMaxLayerNameBytes - 2'000);
+    const auto skipped = files->skipped();
+    EXPECT_GE(listed.size() + skipped->size(), fits + 50);
+    ASSERT_FALSE(skipped->empty());
+    EXPECT_THAT(skipped->front().reason, HasSubstr("too many layers"));
 }
 
 TEST_F(LayerFilesTest, FI5ManyLinksToOneAnotherEnd) {

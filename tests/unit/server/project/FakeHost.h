@@ -100,6 +100,7 @@ public:
     void sendCommit(std::span<const SessionId> sessions, SharedBytes frame, Revision) override {
         for (const SessionId session : sessions) send(session, frame);
     }
+    [[nodiscard]] bool isMulticast(SessionId) const override { return sendsToAll; }
     bool holdCommits(SessionId) override { return sendsToAll; }
     void releaseCommits(SessionId, Revision) override {}
     void sendUpdate(std::span<const SessionId> sessions, const StateUpdate& update) override {
@@ -173,7 +174,8 @@ public:
         savedStates[layer] = saved;
     }
     Revision forgotten = 0;
-    std::int64_t wallClockMs() override { return nowMs; }
+    std::int64_t wallClockMs() override { return nowMs + jumpMs; }
+    std::int64_t steadyMs() override { return nowMs; }
     void findBase(std::int64_t beforeMs, Revision upTo) override {
         findingBase.emplace_back(beforeMs, upTo);
     }
@@ -187,6 +189,7 @@ public:
     std::vector<Revision> compacting;
     std::vector<std::pair<SessionId, std::uint64_t>> measuring;
     std::int64_t nowMs = 1'700'000'000'000;
+    std::int64_t jumpMs = 0;  ///< how far the clock of the machine is ahead of the right time
 };
 
 /// A project, the requests to its host, and the messages to its clients.
@@ -207,6 +210,7 @@ public:
         state.namespaceChanges = namespaceChanges;
         state.unsaved = unsaved;
         state.forgottenUpTo = host.forgotten;
+        state.identity = identity;
         host.sent.clear();
         host.loading.clear();
         host.readingClients.clear();
@@ -298,6 +302,7 @@ public:
                 {"user" + std::to_string(session)},
                 "test",
                 {},
+                {},
                 {}};
     }
     void connect(SessionId session, std::optional<Hello> greeting = {}) {
@@ -346,6 +351,7 @@ public:
     std::vector<LayerId> layers, unsaved;
     CommitStore::Base base;
     Epoch epoch = 0;
+    StoreId identity;
     FakeHost host;
     std::vector<NamespaceChange> namespaceChanges;
     std::vector<CommitRecord> records;

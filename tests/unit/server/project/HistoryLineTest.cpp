@@ -5,6 +5,8 @@
 
 #include <deque>
 
+#include "usdlive/server/project/CommitContent.h"
+
 namespace usdlive::server::linetest {
 namespace {
 
@@ -19,7 +21,9 @@ public:
 
 class FixedClock : public ports::Clock {
 public:
-    std::int64_t wallClockMs() override { return 1'700'000'000'000; }
+    std::int64_t wallClockMs() override { return nowMs; }
+    std::int64_t steadyMs() override { return 0; }
+    std::int64_t nowMs = 1'700'000'000'000;
 };
 
 class Follower : public LineListener {
@@ -69,11 +73,12 @@ protected:
 
     Log log, branchLog;
     FixedClock clock;
+    TimeOfDay time{clock};
     UserName user{"ada"};
     OwnCreations creations;
     std::uint64_t sequence = 0;
     Follower follower;
-    HistoryLine line{{}, {{0, {}, 1}, 0, {}, {{kLineLayer, sample()}}}, log, clock};
+    HistoryLine line{{}, {{0, {}, 1}, 0, {}, {{kLineLayer, sample()}}}, log, time};
 };
 
 TEST_F(HistoryLineTest, OrdersCommitsAndNotifiesWhenTheyAreDurable) {
@@ -87,6 +92,29 @@ TEST_F(HistoryLineTest, OrdersCommitsAndNotifiesWhenTheyAreDurable) {
     EXPECT_EQ(line.durableHash(), line.executedHash());
     EXPECT_EQ(follower.events, (std::vector<std::string>{"ordered 1", "ordered 2", "durable 1",
                                                          "durable 2", "up to 2"}));
+}
+
+TEST_F(HistoryLineTest, CH6TimesOfCommitsNeverFall) {
+    const auto made = [this] {
+        commit(line, {create("/N" + std::to_string(line.executed()))});
+        const CommitRecord& record = log.appended.back();
+        return decodeCommit({record.revision, record.frame, record.hash})->timeMs;
+    };
+    const std::int64_t begin = clock.nowMs;
+    EXPECT_EQ(made(), begin);
+    for (const std::int64_t jump : {365LL * 86'400'000, -2 * 365LL * 86'400'000, 0LL}) {
+        clock.nowMs = begin + jump;
+        EXPECT_EQ(made(), begin) << "a jump of the clock";
+    }
+    clock.nowMs = begin + 50'000;
+    EXPECT_EQ(made(), begin + 50'000);
+    clock.nowMs = begin + 40'000;
+    EXPECT_EQ(made(), begin + 50'000);
+    HistoryLine later{{}, {{0, {}, 2}, 0, {}, {{kLineLayer, sample()}}, begin + 90'000}, log, time};
+    commit(later, {create("/B")});
+    const CommitRecord& record = log.appended.back();
+    EXPECT_EQ(decodeCommit({record.revision, record.frame, record.hash})->timeMs, begin + 90'000)
+        << "the store has a later commit";
 }
 
 TEST_F(HistoryLineTest, WhatItsCheckRefusesChangesNothing) {
@@ -138,7 +166,7 @@ TEST_F(HistoryLineTest, ABranchContinuesFromARevisionAndDoesNotChangeItsOrigin) 
     commit(line, {create("/B")});
     line.appended(1);
     const CommitStore::Head head{line.durable(), line.durableHash(), line.epoch()};
-    HistoryLine branch{{}, {head, 0, {}, line.docs()}, branchLog, clock};
+    HistoryLine branch{{}, {head, 0, {}, line.docs()}, branchLog, time};
 
     EXPECT_EQ(commit(branch, {erase("/B")}), 2u);
     EXPECT_EQ(commit(line, {create("/B/C")}), 2u);

@@ -61,6 +61,29 @@ TEST_F(HistoryTest, CH4CompactsOlderCommitsAndReportsTheResult) {
     EXPECT_EQ(world->nextControl<HistoryCompacted>(1), (HistoryCompacted{7, 4, 0, 0, 0, {}}));
 }
 
+TEST_F(HistoryTest, CH6AClockThatJumpsReplacesNothing) {
+    constexpr std::int64_t kYearMs = 365 * kDayMs;
+    const auto before = [this] {
+        ask(30);
+        world->project->baseFound(BaseLimit{0, {}});
+        (void)world->nextControl<HistoryCompacted>(1);
+        const std::int64_t found = world->host.findingBase.back().first;
+        return (found - world->host.nowMs) / kDayMs;
+    };
+    world->host.jumpMs = kYearMs;
+    EXPECT_EQ(before(), -30) << "a year ahead";
+    world->host.nowMs += 3'599'000;
+    EXPECT_EQ(before(), -30) << "still a year ahead";
+    world->host.jumpMs = -2 * kYearMs;
+    EXPECT_EQ(before(), -2 * 365 - 30) << "the earlier one";
+    world->host.jumpMs = 0;
+    EXPECT_EQ(before(), -30);
+    world->host.jumpMs = kYearMs;
+    EXPECT_EQ(before(), -30);
+    world->host.nowMs += 3'600'000;
+    EXPECT_EQ(before(), 365 - 30) << "it has stayed so: the clock was wrong before";
+}
+
 TEST_F(HistoryTest, CH4CompactionsRunOneAfterTheOther) {
     ask(3);
     ask(2, 2);

@@ -103,6 +103,16 @@ TEST_F(ProjectLocks, LK4AbsenceCountsFromTheEndOfTheConnection) {
     expectLocked(2, lock(by("user2")), "user1");
 }
 
+TEST_F(ProjectLocks, LK4AClockThatJumpsFreesNoLock) {
+    EXPECT_FALSE(outcome(1, lock(by("user1"))));
+    world.project->disconnected(1);
+    world.host.jumpMs = 100 * world.options.lockTakeoverMs;
+    expectLocked(2, lock(by("user2")), "user1");
+    world.host.jumpMs = -world.host.jumpMs;
+    world.host.nowMs += world.options.lockTakeoverMs;
+    EXPECT_FALSE(outcome(2, lock(by("user2"))));
+}
+
 TEST_F(ProjectLocks, LK3SavingALockedLayerIsRefused) {
     EXPECT_FALSE(outcome(1, lock(by("user1"))));
     world.host.sent.clear();
@@ -288,7 +298,9 @@ TEST_F(ProjectPresence, ACameraIsAMatrixAndAPresenceHasABound) {
     presence = {};
     presence.camera = {1, 2, 3};
     world.receive(4, ControlMessage(ShowPresence{presence}));
-    EXPECT_TRUE(world.nextControl<ErrorMessage>(4).closing);
+    const auto refused = world.nextControl<ErrorMessage>(4);
+    EXPECT_EQ(refused.code, "malformedControl");
+    EXPECT_FALSE(refused.closing);
     world.project->sweep(1'000);
     EXPECT_TRUE(world.silent(5));
 }

@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include "FakeHost.h"
+#include "usdlive/common/core/ClientSecret.h"
 
 namespace usdlive::server::projecttest {
 namespace {
@@ -60,6 +61,28 @@ TEST(ProjectSessions, ASecondHelloCloses) {
     expectClosed(world, 1, ErrorCode::SecondHello);
 }
 
+// Others know the id, and repeat it without the secret, or with one of their own.
+TEST(ProjectSessions, ID5OnlyTheSecretProvesAClientsId) {
+    World world;
+    const Hash secret = sha256(asBytes("mine"));
+    const auto hello = [&](std::optional<Hash> given) {
+        Hello owner = world.hello(1);
+        owner.client = clientIdOf(secret);
+        owner.secret = std::move(given);
+        return owner;
+    };
+    world.connect(1, hello(secret));
+    (void)world.nextControl<Welcome>(1);
+    world.connect(2, hello(std::nullopt));
+    expectClosed(world, 2, ErrorCode::InvalidArgument);
+    world.connect(3, hello(sha256(asBytes("theirs"))));
+    expectClosed(world, 3, ErrorCode::InvalidArgument);
+    EXPECT_FALSE(world.host.closed.contains(1)) << "its owner is not disturbed";
+    world.connect(4, hello(secret));
+    EXPECT_EQ(world.nextControl<Welcome>(4).epoch, 1u);
+    EXPECT_TRUE(world.host.closed.contains(1)) << "the owner replaces its own session";
+}
+
 TEST(ProjectSessions, VersionsAreNegotiated) {
     World world;
     Hello newer = world.hello(1);
@@ -87,13 +110,28 @@ TEST(ProjectSessions, TooManySessionsAreRefusedWithTheReason) {
     Project::Options options;
     options.maxSessions = 1;
     World world(options);
+    world.project->connected(4);  // takes no seat, because it says nothing
     world.join(1);
-    world.project->connected(2);
+    world.connect(2);
     expectClosed(world, 2, ErrorCode::TooManySessions);
+    EXPECT_EQ(world.project->sessionCount(), 1u);
     world.project->disconnected(2);
     world.project->disconnected(1);
     world.connect(3);
     EXPECT_NO_THROW(world.nextControl<Welcome>(3));
+}
+
+TEST(ProjectSessions, FR20AControlMessageOfAClientIsBounded) {
+    World world;
+    world.join(1);
+    std::string values = R"({"type":"closeLayer","layer":"a.usda","more":[0)";
+    for (int count = 0; count < 131'072; ++count) values += ",0";
+    world.receive(1, Frame(ControlFrame{values + "]}"}));
+    expectClosed(world, 1, ErrorCode::MalformedControl);
+    world.join(2);
+    world.receive(2, Frame(ControlFrame{R"({"type":"closeLayer","layer":"a.usda","more":")" +
+                                        std::string(4 << 20, 'x') + "\"}"}));
+    expectClosed(world, 2, ErrorCode::MalformedControl);
 }
 
 TEST(ProjectSessions, LayerNamesThatLeadOutEndTheSessionWithAnError) {
@@ -177,6 +215,35 @@ TEST_F(ProjectResume, ALaterEpochIsAnotherHistory) {
     hello.resume->epoch = 2;
     world.connect(2, hello);
     EXPECT_EQ(world.nextControl<ErrorMessage>(2).code, errorName(ErrorCode::HistoryDiverged));
+}
+
+TEST_F(ProjectResume, ID2AnotherStoreIsAnotherHistory) {
+    world.identity = {"mine"};
+    world.restart();
+    Hello hello = resuming(4);
+    hello.resume->store = StoreId{"another"};
+    world.connect(2, hello);
+    EXPECT_EQ(world.nextControl<ErrorMessage>(2).code, errorName(ErrorCode::HistoryDiverged));
+    const auto welcome = world.nextControl<Welcome>(2);
+    EXPECT_FALSE(welcome.resumed);
+    EXPECT_EQ(welcome.store, StoreId{"mine"});
+}
+
+// A client that cannot resume for another reason is still told that the histories differ.
+TEST_F(ProjectResume, ID2TheHashIsComparedFirst) {
+    world.host.forgotten = 3;
+    Hello hello = resuming(2);
+    hello.resume->hash = hashes[3];
+    world.connect(2, hello);
+    EXPECT_EQ(world.nextControl<ErrorMessage>(2).code, errorName(ErrorCode::HistoryDiverged));
+}
+
+TEST_F(ProjectResume, M14OnlyUnansweredWorkMayBeForgotten) {
+    world.host.forgotten = 3;
+    Hello hello = resuming(4);
+    hello.resume->unansweredSince = 2;
+    world.connect(2, hello);
+    EXPECT_EQ(world.nextControl<ErrorMessage>(2).code, errorName(ErrorCode::ClientForgotten));
 }
 
 TEST_F(ProjectResume, M14AClientThatMayBeForgottenIsNotified) {

@@ -188,6 +188,46 @@ TEST_F(ProjectTransactions, WithoutSpaceEditsAreRefusedUntilThereIsSome) {
     EXPECT_EQ(world.nextFrame<CommitFrame>(1).commit.revision, 1u);
 }
 
+// A later transaction must not be committed before the refused one that it builds on.
+TEST_F(ProjectTransactions, SE21AfterARefusalThatPassesTheAuthorsOrderIsKept) {
+    Hello hello = world.hello(3);
+    hello.features = {"resends"};
+    world.connect(3, hello);
+    world.nextControl<Welcome>(3);
+    world.project->setSpace(false);
+    world.submit(3, 1, {create("/C")});
+    expectRefusal(3, 1, ErrorCode::StorageFull);
+    world.project->setSpace(true);
+    world.submit(3, 2, {create("/D")});  // it was on its way
+    expectRefusal(3, 2, ErrorCode::StorageFull);
+    world.submit(1, 1, {create("/E")});  // others are not concerned
+    world.submit(3, 1, {create("/C")});
+    world.submit(3, 2, {create("/D")});
+    world.store();
+    EXPECT_EQ(world.nextFrame<CommitFrame>(3).commit.id.client, world.client(1));
+    EXPECT_EQ(world.nextFrame<CommitFrame>(3).commit.id, (TransactionId{world.client(3), 1}));
+    EXPECT_EQ(world.nextFrame<CommitFrame>(3).commit.id, (TransactionId{world.client(3), 2}));
+}
+
+TEST_F(ProjectTransactions, SE21AlsoAfterALostCommit) {
+    Hello hello = world.hello(3);
+    hello.features = {"resends"};
+    world.connect(3, hello);
+    world.nextControl<Welcome>(3);
+    world.submit(3, 1, {create("/C")});
+    world.host.appending.clear();
+    world.project->appendFailed({ErrorCode::StorageFull, "full"}, {});
+    expectRefusal(3, 1, ErrorCode::StorageFull);
+    world.load();
+    world.submit(3, 2, {create("/D")});
+    expectRefusal(3, 2, ErrorCode::StorageFull);
+    world.submit(3, 1, {create("/C")});
+    world.submit(3, 2, {create("/D")});
+    world.store();
+    EXPECT_EQ(world.nextFrame<CommitFrame>(3).commit.id.sequence, 1u);
+    EXPECT_EQ(world.nextFrame<CommitFrame>(3).commit.id.sequence, 2u);
+}
+
 TEST_F(ProjectTransactions, BigValuesMustBeStored) {
     const Hash hash = sha256(asBytes("points"));
     const auto big = Value::blob(arrayOf(ValueType::Float3), hash, 12'000'000);

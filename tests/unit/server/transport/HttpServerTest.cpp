@@ -31,6 +31,7 @@ namespace asio = boost::asio;
 namespace beast = boost::beast;
 namespace websocket = beast::websocket;
 using asio::ip::tcp;
+using testing::AllOf;
 using testing::AnyOf;
 using testing::HasSubstr;
 using testing::StartsWith;
@@ -415,15 +416,74 @@ TEST_F(HttpServerTest, HangsUpOnHeadersThatTakeTooLong) {
     EXPECT_THAT(http("GET /healthz HTTP/1.1\r\nHost: x\r\n\r\n"), StartsWith("HTTP/1.1 200"));
 }
 
-TEST_F(HttpServerTest, HangsUpWhenThereAreTooManyConnections) {
+TEST_F(HttpServerTest, SE16ASilentConnectionGivesWayToANewcomer) {
     HttpServerOptions options;
-    options.maxConnections = 1;
+    options.seats.guests = 1;
+    options.seats.patience = 50ms;
     start({}, options);
-    const auto first = join();
-    EXPECT_EQ(http("GET /healthz HTTP/1.1\r\nHost: x\r\n\r\n"), "");
+    const auto member = join();
+    member->send("hello");
+    recorder_.messages(recorder_.session(0), 1);
+    std::vector<tcp::socket> silent;
+    for (int count = 0; count < 5; ++count) silent.push_back(connect());
+    const auto stopsAfterUpgrade = join();
+    EXPECT_THAT(http("GET /healthz HTTP/1.1\r\nHost: x\r\n\r\n"), StartsWith("HTTP/1.1 200"));
+    EXPECT_TRUE(recorder_.waitClosed(recorder_.session(1)));
+    EXPECT_EQ(recorder_.closedTimes(recorder_.session(0)), 0u);
     const auto counters = onServer([this](auto&) { return http_->counters(); });
-    EXPECT_EQ(counters.turnedAway, 1u);
-    EXPECT_EQ(counters.connections, 1u);
+    EXPECT_EQ(counters.turnedAway, 6u);
+}
+
+TEST_F(HttpServerTest, SE16ASessionSaysHelloInTime) {
+    WebSocketOptions options;
+    options.greetTime = 1s;
+    options.slowReaderTime = 400ms;  // looks for it every 100 ms
+    start(options);
+    const auto speaks = join();
+    speaks->send("hello");
+    const auto silent = join();
+    EXPECT_EQ(silent->readError().code, "notGreeted");
+    EXPECT_TRUE(recorder_.waitClosed(recorder_.session(1)));
+    EXPECT_EQ(recorder_.closedTimes(recorder_.session(0)), 0u);
+}
+
+TEST_F(HttpServerTest, FR20TheFirstMessageIsSmall) {
+    WebSocketOptions options;
+    options.maxHelloBytes = 1000;
+    start(options);
+    const auto first = join(), second = join();
+    first->send(std::string(1000, 'x'));
+    first->send(std::string(100'000, 'x'));
+    EXPECT_EQ(recorder_.messages(recorder_.session(0), 2).size(), 2u);
+    second->send(std::string(1001, 'x'));
+    EXPECT_EQ(second->readError().code, "frameTooLarge");
+}
+
+TEST_F(HttpServerTest, SE16TheRestOfAMessageArrivesInTime) {
+    WebSocketOptions options;
+    options.messageTime = 100ms;
+    options.slowReaderTime = 400ms;
+    start(options);
+    const auto client = join();
+    client->send("hello");
+    client->stream.write_some(false, asio::buffer(std::string("a part")));
+    EXPECT_EQ(client->readError().code, "malformedFrame");
+}
+
+TEST_F(HttpServerTest, HO1AnswersForItsOwnHostsOnly) {
+    HttpServerOptions options;
+    options.hosts = HostNames({"workstation"});
+    start({}, options);
+    const auto get = [this](const std::string& host) {
+        return http("GET /healthz HTTP/1.1\r\n" + host + "\r\n");
+    };
+    for (const char* host : {"Host: workstation:7447\r\n", "Host: 127.0.0.1\r\n", ""})
+        EXPECT_THAT(get(host), StartsWith("HTTP/1.1 200")) << host;
+    EXPECT_THAT(get("Host: evil.example:7447\r\n"),
+                AllOf(StartsWith("HTTP/1.1 421"), HasSubstr("--allow-host evil.example")));
+    EXPECT_THAT(get("Host: a b\r\n"), StartsWith("HTTP/1.1 400"));
+    Client page(connect());
+    EXPECT_THROW(page.stream.handshake("evil.example", "/live"), beast::system_error);
 }
 
 TEST_F(HttpServerTest, RefusesPagesOfForeignOrigins) {
@@ -687,7 +747,7 @@ TEST_F(HttpServerTest, SourcesTakeTurnsAndLetSmallFramesPass) {
     constexpr int kChunks = 40;
     std::atomic<int> made = 0;
     const auto source = [&](char name) {
-        return [name, &made, left = kChunks]() mutable -> SharedBytes {
+        return [name, &made, left = kChunks](std::size_t) mutable -> SharedBytes {
             if (left-- == 0) return nullptr;
             ++made;
             return shared(std::string(kChunk, name));
@@ -717,7 +777,8 @@ TEST_F(HttpServerTest, ASourceThatThrowsClosesTheSession) {
     const auto client = join();
     const SessionId session = recorder_.session(0);
     onServer([&](auto& server) {
-        server.sendBeside(session, []() -> SharedBytes { throw std::runtime_error("a bug"); });
+        server.sendBeside(session,
+                          [](std::size_t) -> SharedBytes { throw std::runtime_error("a bug"); });
     });
     EXPECT_EQ(client->readError().code, "internal");
 }

@@ -30,6 +30,19 @@ struct LostWork {
     std::vector<AuthoredEdit> edits;  ///< the edits with the editor's own paths
 };
 
+/// The server at the client's address has another history than the editor shows (ID2): it serves
+/// another project, or an older copy of this one. The client has stopped. It keeps its layers and
+/// its unsent work, and tries again until the right server is back or Client::joinOtherHistory() is
+/// called.
+struct OtherHistory {
+    std::string expectedProject, foundProject;
+    StoreId expectedStore, foundStore;  ///< empty: of an earlier version, unknown
+    Error reason;  ///< for the user: what was expected and found, and what to do
+
+    /// False: the same project, whose history lacks commits that the editor has seen.
+    [[nodiscard]] bool isOtherProject() const { return isOtherStore(expectedStore, foundStore); }
+};
+
 /// Edits of an earlier connection of the same user that the server has not acknowledged. A journal
 /// on this machine keeps them.
 struct UnsentWork {
@@ -38,6 +51,8 @@ struct UnsentWork {
     std::size_t transactions = 0, edits = 0;
     std::vector<LayerId> layers;
     std::string file;  ///< path of the journal
+    /// They were made in another project of the same name (ID3), and cannot be sent to this one.
+    bool otherProject = false;
 };
 
 /// The outcome of Client::sendUnsent().
@@ -58,6 +73,7 @@ namespace event {
 struct Connected {
     Welcome welcome;
     bool resumed = false;
+    bool leftHistory = false;  ///< ID4: the editor has left its history for the server's
 };
 struct Disconnected {
     Error reason;

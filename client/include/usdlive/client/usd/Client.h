@@ -72,18 +72,34 @@ public:
     /// reached, and after the time-out if it does not answer.
     [[nodiscard]] static Result<std::unique_ptr<Client>> connect(const std::string& url,
                                                                  Options options);
-    /// Disconnects at once. The journal keeps unacknowledged edits; see leave().
+    /// Disconnects at once. The journal keeps unacknowledged edits; see leave(). The layers are
+    /// closed as by close(). Does nothing in a process that fork() made.
     ~Client();
 
     /// Ends an open gesture and waits until all edits are committed, at most `timeoutMs`. Returns
     /// the uncommitted edits, which the journal keeps; nothing if all were committed.
     std::optional<client::UnsentWork> leave(double timeoutMs = 5'000);
 
+    // --- another history at the address
+
+    /// Returns what was found if the client has stopped because the server has another history than
+    /// the editor shows: another project is served at the address, or an older copy of this one
+    /// (ID2). An event::ServerError with HistoryDiverged reports it once. Layers stay as they are,
+    /// edits are kept as without a connection, and work continues when the right server is back.
+    [[nodiscard]] const std::optional<client::OtherHistory>& otherHistory() const;
+    /// Decides to join that history with the next connection, if it is still the one that was found
+    /// (ID4). Then all open layers get its content, and everything that the editor was told is
+    /// committed and that this history lacks becomes lost work. Unsent edits are sent if it is the
+    /// same project; those made in another project become lost work, too. Returns at once;
+    /// event::Connected reports the result. Error: InvalidArgument (the client has not stopped).
+    Result<void> joinOtherHistory();
+
     // --- edits that earlier connections could not send
 
     /// Returns the edits of this user in this project that earlier connections could not send,
     /// because their process, the server or the network failed. event::UnsentFound reports them at
-    /// the start.
+    /// the start. Includes edits in another project of the same name, which cannot be sent to this
+    /// one (UnsentWork::otherProject).
     [[nodiscard]] std::vector<client::UnsentWork> unsentWork();
     /// Sends the edits of an earlier connection, and waits. Each transaction is committed once,
     /// also if this is called repeatedly. Refused and dropped edits become lost work of this
@@ -145,7 +161,9 @@ public:
     /// which is the served folder or a copy of it. Returns them sorted. Error: InvalidArgument (one
     /// of them has unsaved edits).
     Result<std::vector<LayerId>> attach(const std::filesystem::path& projectFolder);
-    /// Sends the layer's pending edits, then makes it stop being live. The layer keeps its content.
+    /// Sends the layer's pending edits, then makes it stop being live. The layer keeps its content,
+    /// and refuses edits, which nobody would get (`permissionToEdit`), unless it is a file of an
+    /// attached folder.
     /// A layer that is still being opened is closed at once, and requests to open it fail. A notice
     /// handler must not call this within tick(); an error event reports such a call.
     void close(const LayerId& layer);
@@ -177,7 +195,7 @@ public:
     void withoutWaiting(const std::function<void()>& compose);
 
     /// M11: edits between the two calls are shown to others at once, and committed as one
-    /// transaction.
+    /// transaction. Calls nest: the outermost two count.
     void beginGesture();
     void endGesture();
 
@@ -212,8 +230,10 @@ public:
     /// out.
     [[nodiscard]] const std::map<LayerId, LayerState>& layerStates() const;
     /// Sends the user's presence to others, until hidePresence(). The server fills in the client,
-    /// the user and the application.
-    void showPresence(Presence presence);
+    /// the user and the application. Errors: MalformedControl (a camera that is neither empty nor a
+    /// matrix of 16 numbers, a number that is not finite, text that is not UTF-8),
+    /// TransactionTooLarge (more than 64 KiB). What was shown before stays then.
+    Result<void> showPresence(Presence presence);
     void hidePresence();
     /// Returns the presences of the other users, by client.
     [[nodiscard]] const std::map<ClientId, Presence>& presences() const;

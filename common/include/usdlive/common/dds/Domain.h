@@ -38,6 +38,10 @@ using DomainLog = std::function<void(bool isError, std::string_view message)>;
 /// dropped.
 void setDomainLog(DomainLog log);
 
+/// Returns the IPv4 addresses of the network interfaces that the settings name, as text, with the
+/// numbers of the interfaces; empty if there are none.
+[[nodiscard]] std::string addressesOf(const DomainSettings& settings);
+
 /// A participant in a DDS domain, with the threads that Cyclone DDS runs for it. Participants in
 /// the same process also communicate over the interface.
 class Domain {

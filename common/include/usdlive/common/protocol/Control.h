@@ -14,6 +14,7 @@
 #include "usdlive/common/core/Hash.h"
 #include "usdlive/common/core/Id.h"
 #include "usdlive/common/core/Result.h"
+#include "usdlive/common/core/StoreId.h"
 #include "usdlive/common/protocol/Fields.h"
 #include "usdlive/common/protocol/Requests.h"
 
@@ -28,18 +29,24 @@ struct Hello {
     ClientId client;
     UserName user;
     std::string application;
+    std::optional<Hash> secret =
+        {};  ///< `client` is its hash (ID5). Never sent on, logged or shown
     /// Set when resuming: the revision that the client has applied, and the chain hash there.
     struct Resume {
         Epoch epoch = 0;
         Revision revision = 0;
         Hash hash;
-        USDLIVE_FIELDS(epoch, revision, hash)
+        std::optional<StoreId> store = {};  ///< the identity of the client's history (ID1)
+        /// Set if own transactions may be unanswered that were sent at this older revision (M14).
+        std::optional<Revision> unansweredSince = {};
+        USDLIVE_FIELDS(epoch, revision, hash, store, unansweredSince)
         bool operator==(const Resume&) const = default;
     };
     std::optional<Resume> resume;
     /// When resuming: the layers that the client has open.
     std::optional<std::vector<LayerId>> open;
-    USDLIVE_FIELDS(protocol, oldestProtocol, features, client, user, application, resume, open)
+    USDLIVE_FIELDS(protocol, oldestProtocol, features, client, user, application, secret, resume,
+                   open)
     bool operator==(const Hello&) const = default;
 };
 struct LayerInfo {
@@ -67,8 +74,9 @@ struct Welcome {
     std::optional<Revision> base = {};       ///< commits up to this one were replaced (CH4)
     /// Limit of a transaction in parts (FR8).
     std::optional<std::uint64_t> maxTransactionBytes = {};
+    std::optional<StoreId> store = {};  ///< the identity of the project's store (ID1)
     USDLIVE_FIELDS(protocol, features, project, epoch, revision, hash, resumed, layers,
-                   maxFrameBytes, maxBlobBytes, administrator, base, maxTransactionBytes)
+                   maxFrameBytes, maxBlobBytes, administrator, base, maxTransactionBytes, store)
     bool operator==(const Welcome&) const = default;
 };
 /// Server: all layers of the project. Sent when they differ from the last message about them.

@@ -16,8 +16,9 @@ class SnapshotEncoder {
 public:
     SnapshotEncoder(LayerDoc doc, std::uint64_t request);
     ~SnapshotEncoder();
-    /// Returns the next chunk, and nothing after the last.
-    [[nodiscard]] std::optional<SnapshotFrame> next();
+    /// Returns the next chunk, and nothing after the last. It has about `most` bytes before
+    /// compression, and never more than kChunkBytes.
+    [[nodiscard]] std::optional<SnapshotFrame> next(std::size_t most = kChunkBytes);
 
 private:
     struct State;

@@ -6,6 +6,7 @@
 #include <functional>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -41,6 +42,9 @@ public:
     /// A field that names value clips is written, or a key of it with this value. fieldChanged() or
     /// dictionaryKeyChanged() follows.
     virtual void clipsWritten(const pxr::VtValue& /*value*/) {}
+    /// A field gets asset paths of layers that it did not name (namesLayers()). fieldChanged()
+    /// follows.
+    virtual void layersNamed(const std::set<std::string>& /*assets*/) {}
 };
 
 /// Applies edits to an SdfLayer and notifies an observer of the editor's own writes. Works as the

@@ -3,13 +3,13 @@
 
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/steady_timer.hpp>
-#include <boost/asio/thread_pool.hpp>
 #include <chrono>
 #include <cstdint>
 #include <functional>
 #include <vector>
 
 #include "usdlive/server/app/SharedStore.h"
+#include "usdlive/server/app/WorkerLane.h"
 #include "usdlive/server/project/NamedBlobs.h"
 #include "usdlive/server/transport/Log.h"
 
@@ -29,8 +29,8 @@ public:
 
     /// `keep`: the time before an unused value is removed. The interval of the rounds follows from
     /// it.
-    BlobCollector(boost::asio::io_context& network, boost::asio::thread_pool& workers,
-                  SharedStore& store, BlobStore& blobs, std::chrono::milliseconds keep, Log& log);
+    BlobCollector(boost::asio::io_context& network, WorkerShare& workers, SharedStore& store,
+                  BlobStore& blobs, std::chrono::milliseconds keep, Log& log);
 
     // Network thread.
     void start(Choose choose);
@@ -55,7 +55,7 @@ private:
     void failed(const Error& error);
 
     boost::asio::io_context& network_;
-    boost::asio::thread_pool& workers_;
+    WorkerShare& workers_;
     SharedStore& store_;
     BlobStore& blobs_;
     const std::chrono::milliseconds pause_;

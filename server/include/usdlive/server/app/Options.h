@@ -21,7 +21,7 @@ struct ServerOptions {
     std::string host = "127.0.0.1";
     std::uint16_t port = 7447;
     std::filesystem::path portFile;
-    std::vector<std::string> allowedOrigins;
+    std::vector<std::string> allowedHosts, allowedOrigins;
     bool dds = false;
     std::string ddsInterface = "lo";
     std::uint64_t ddsDomain = 74;
@@ -35,6 +35,8 @@ struct ServerOptions {
     std::uint64_t maxBlobMib = 4096;
     std::uint64_t maxTransactionMib = kMaxTransactionBytes >> 20;
     std::uint64_t maxSessions = 1000;
+    std::uint64_t maxGuests = 1000;
+    std::uint64_t guestSeconds = 10;
     std::uint64_t slowReaderMib = 16;
     std::uint64_t flushIntervalMs = 0;
     std::vector<std::string> administrators;

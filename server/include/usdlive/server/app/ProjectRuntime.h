@@ -21,7 +21,7 @@
 #include "usdlive/server/app/SharedStore.h"
 #include "usdlive/server/app/StorageThread.h"
 #include "usdlive/server/app/StoreHistory.h"
-#include "usdlive/server/app/WorkerLanes.h"
+#include "usdlive/server/app/Workers.h"
 #include "usdlive/server/files/LayerFiles.h"
 #include "usdlive/server/project/Project.h"
 #include "usdlive/server/transport/Log.h"
@@ -29,7 +29,6 @@
 
 namespace usdlive::server {
 
-using WallClock = std::function<std::int64_t()>;  ///< milliseconds since 1970; the network thread
 /// The initial content of a project.
 struct ProjectBeginning {
     StoreState store;
@@ -47,6 +46,7 @@ struct ProjectFiles {
     std::function<Result<std::vector<LayerFile>>()> list;
     LayerFiles& layers;
     AssetFiles& assets;
+    const PublicText& texts;  ///< filters errors for clients
 };
 
 struct ProjectHealth {
@@ -58,11 +58,11 @@ struct ProjectHealth {
 /// A project at run time: the Project, its ports and its periodic work. The project's strand is the
 /// network thread, so that messages are ordered and passed on without changing threads. Blocking
 /// work runs on the storage thread and on workers, and its results are posted back.
-class ProjectRuntime final : public SessionHandler, private ports::Clock {
+class ProjectRuntime final : public SessionHandler {
 public:
-    ProjectRuntime(boost::asio::io_context& network, WorkerLanes& workers, SharedStore& store,
+    ProjectRuntime(boost::asio::io_context& network, WorkerShares& workers, SharedStore& store,
                    StorageThread& storage, BlobStore& blobs, ProjectFiles files,
-                   std::chrono::milliseconds keepUnusedBlobs, Metrics& metrics, WallClock clock,
+                   std::chrono::milliseconds keepUnusedBlobs, Metrics& metrics, ports::Clock& clock,
                    Log& log);
 
     // Call on the network thread, unless a comment says otherwise.
@@ -88,8 +88,6 @@ private:
     void received(SessionId session, ByteView message) override;
     void closed(SessionId session) override;
     void drained(SessionId session) override;
-    // Clock
-    std::int64_t wallClockMs() override { return clock_(); }
 
     // Creating the project.
     void startAgain();
@@ -105,13 +103,13 @@ private:
     void lookForSpaceIn(std::chrono::milliseconds pause);
 
     boost::asio::io_context& network_;
-    WorkerLanes& workers_;
+    WorkerShares& workers_;
     SharedStore& store_;
     StorageThread& storage_;
     const std::filesystem::path folder_;
     const std::function<Result<std::vector<LayerFile>>()> list_;
     Metrics& metrics_;
-    const WallClock clock_;
+    ports::Clock& clock_;
     Log& log_;
 
     TransportTable transports_;

@@ -50,24 +50,24 @@ public:
             fault_(fault);
         }
     }
-    /// Runs `work()`, which returns a Result, on `executor`, then calls `function(Project&,
-    /// result)` here. Counts as `bytes` of the session's share until then.
-    template <class Executor, class Work, class Function>
-    void inBackground(Executor& executor, SessionId session, std::size_t bytes, Work work,
+    /// Runs `work()`, which returns a Result, as a job of `workers`, a WorkerShare or SerialJobs,
+    /// then calls `function(Project&, result)` here. Counts as `bytes` of the session's share until
+    /// then.
+    template <class Jobs, class Work, class Function>
+    void inBackground(Jobs& workers, SessionId session, std::size_t bytes, Work work,
                       Function function) {
         intake_.begin(session, bytes);
-        boost::asio::post(
-            executor, [this, session, bytes, generation = generation_, work = std::move(work),
-                       function = std::move(function)]() mutable {
-                auto result = resultOf(work);
-                boost::asio::post(
-                    network_, [this, session, bytes, generation, function = std::move(function),
-                               result = std::move(result)]() mutable {
-                        intake_.end(session, bytes);
-                        if (generation != generation_) return;
-                        use([&](Project& project) { function(project, std::move(result)); });
-                    });
-            });
+        workers.post([this, session, bytes, generation = generation_, work = std::move(work),
+                      function = std::move(function)]() mutable {
+            auto result = resultOf(work);
+            boost::asio::post(
+                network_, [this, session, bytes, generation, function = std::move(function),
+                           result = std::move(result)]() mutable {
+                    intake_.end(session, bytes);
+                    if (generation != generation_) return;
+                    use([&](Project& project) { function(project, std::move(result)); });
+                });
+        });
     }
 
     /// Calls `function(Project&)` on the network thread, with the project of that moment. May be

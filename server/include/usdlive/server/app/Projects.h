@@ -23,8 +23,10 @@ class Projects {
 public:
     using MakeLog = std::function<std::unique_ptr<Log>(const std::string& project)>;
 
-    /// `options` and `log` must outlive this object. `makeLog` returns the log for one project.
-    Projects(boost::asio::io_context& io, const ServerOptions& options, MakeLog makeLog, Log& log);
+    /// `options`, `workers` and `log` must outlive this object. `makeLog` returns the log for one
+    /// project.
+    Projects(boost::asio::io_context& io, const ServerOptions& options, Workers& workers,
+             MakeLog makeLog, Log& log);
     ~Projects();
 
     /// Starts to open the projects of the options. Error: InvalidConfiguration names the wrong
@@ -44,13 +46,16 @@ public:
     [[nodiscard]] std::string urlOf(const std::string& base, const ServedProject& project) const;
 
     /// Returns the route of a target: `/live` and `/NAME/live` open sessions; `/files...` and
-    /// `/NAME/files...` are files of a project; `/healthz`, `/metrics` and `/projects` are pages.
+    /// `/NAME/files...` are files of a project; `/`, `/healthz`, `/metrics` and `/projects` are
+    /// pages.
     [[nodiscard]] HttpRoute route(const HttpTarget& target);
 
 private:
     using Reports = std::vector<std::pair<std::string, ServedProject::Report>>;
 
     void add(const std::string& name, const std::filesystem::path& folder);
+    /// Starts the projects that have no thread.
+    void startIn(std::chrono::milliseconds pause);
     void changed(const std::string& name);
     void checkOpened();
     void lookForFoldersIn(std::chrono::milliseconds pause);
@@ -62,6 +67,7 @@ private:
     [[nodiscard]] static HttpReply unavailable(const ServedProject& project);
     [[nodiscard]] HttpReply notHere(const std::string& what) const;
     void gather(std::function<void(const Reports&)> done);
+    [[nodiscard]] HttpReply welcome(const Reports& reports) const;
     [[nodiscard]] HttpReply health(const Reports& reports) const;
     [[nodiscard]] HttpReply list(const Reports& reports) const;
     [[nodiscard]] HttpReply metrics(const Reports& reports) const;
@@ -75,10 +81,11 @@ private:
 
     boost::asio::io_context& io_;
     const ServerOptions& options_;
+    Workers& workers_;
     const MakeLog makeLog_;
     Log& log_;
     std::map<std::string, Entry> projects_;
-    boost::asio::steady_timer folderTimer_;
+    boost::asio::steady_timer folderTimer_, startTimer_;
     std::function<void()> opened_, stopped_;
     std::string url_;  // the process's address; empty before announce()
     const HttpServer* http_ = nullptr;

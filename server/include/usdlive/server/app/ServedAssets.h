@@ -11,7 +11,7 @@
 
 #include "usdlive/server/app/LastUsed.h"
 #include "usdlive/server/app/SharedStore.h"
-#include "usdlive/server/app/WorkerLanes.h"
+#include "usdlive/server/app/Workers.h"
 #include "usdlive/server/files/AssetFiles.h"
 #include "usdlive/server/files/LayerFiles.h"
 #include "usdlive/server/project/CommitStore.h"
@@ -29,7 +29,7 @@ class ServedAssets {
 public:
     /// `workers` is stopped before the other arguments and this object are destroyed.
     ServedAssets(std::string project, AssetFiles& assets, LayerFiles& layers, SharedStore& store,
-                 WorkerLanes& workers, Log& log);
+                 WorkerShares& workers, const PublicText& texts, Log& log);
 
     /// Answers on a worker.
     void answer(const FileRequest& request, const HttpAnswer& answer);
@@ -80,7 +80,8 @@ private:
     const std::string project_;
     LayerFiles& layers_;
     SharedStore& store_;
-    WorkerLanes& workers_;
+    WorkerShares& workers_;
+    const PublicText& texts_;
     Log& log_;
     AssetFiles& assets_;
     const std::shared_ptr<CompressedContents> compressed_;  // shared with replies under way

@@ -1,13 +1,11 @@
 // The big values of a project in its store.
 #pragma once
 
-#include <boost/asio/strand.hpp>
-#include <boost/asio/thread_pool.hpp>
 #include <vector>
 
 #include "usdlive/server/app/ProjectStrand.h"
 #include "usdlive/server/app/SessionOutbox.h"
-#include "usdlive/server/app/WorkerLanes.h"
+#include "usdlive/server/app/Workers.h"
 #include "usdlive/server/project/ports/Blobs.h"
 
 namespace usdlive::server {
@@ -15,8 +13,8 @@ namespace usdlive::server {
 /// The big values of a project in its store, read and written by workers. Network thread.
 class ServedBlobs final : public ports::Blobs {
 public:
-    ServedBlobs(ProjectStrand& strand, WorkerLanes& workers, const TransportTable& transports,
-                BlobStore& blobs);
+    ServedBlobs(ProjectStrand& strand, WorkerShares& workers, const TransportTable& transports,
+                BlobStore& blobs, const PublicText& texts);
 
     void findBlobs(std::vector<Hash> hashes) override;
     void writeBlob(SessionId session, BlobFrame part) override;
@@ -27,10 +25,11 @@ private:
     Result<bool> write(SessionId session, const BlobFrame& part);
 
     ProjectStrand& strand_;
-    WorkerLanes& workers_;
-    boost::asio::strand<boost::asio::thread_pool::executor_type> writer_;  // keeps parts in order
+    WorkerShares& workers_;
+    SerialJobs writer_;  // keeps parts in order
     const TransportTable& transports_;
     BlobStore& blobs_;
+    const PublicText& texts_;
 };
 
 }  // namespace usdlive::server

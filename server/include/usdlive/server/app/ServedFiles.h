@@ -1,14 +1,12 @@
 // The files of a project's folder.
 #pragma once
 
-#include <boost/asio/strand.hpp>
-#include <boost/asio/thread_pool.hpp>
 #include <unordered_map>
 #include <vector>
 
 #include "usdlive/server/app/ProjectStrand.h"
 #include "usdlive/server/app/SharedStore.h"
-#include "usdlive/server/app/WorkerLanes.h"
+#include "usdlive/server/app/Workers.h"
 #include "usdlive/server/files/AssetFiles.h"
 #include "usdlive/server/files/LayerFiles.h"
 #include "usdlive/server/project/ports/Files.h"
@@ -19,7 +17,7 @@ namespace usdlive::server {
 /// The files of a project's folder, read and written by workers. Network thread.
 class ServedFiles final : public ports::Files {
 public:
-    ServedFiles(ProjectStrand& strand, WorkerLanes& workers, LayerFiles& files, AssetFiles& assets,
+    ServedFiles(ProjectStrand& strand, WorkerShares& workers, LayerFiles& files, AssetFiles& assets,
                 const BlobStore& blobs, SharedStore& store, Log& log);
 
     void importLayer(const LayerId& layer) override;
@@ -40,14 +38,14 @@ private:
     Result<FileStamp> save(const SaveJob& job);
 
     ProjectStrand& strand_;
-    WorkerLanes& workers_;
+    WorkerShares& workers_;
     // Keeps saves in order, because the last save of a layer has to win.
-    boost::asio::strand<boost::asio::thread_pool::executor_type> saver_;
+    SerialJobs saver_;
     // The files that `saver_` has written last. A save that was requested before the previous one
     // finished does not know that one's result.
     std::unordered_map<LayerId, SavedState> written_;
     // Uploads take long and wait for each other, so that saves and imports have a worker.
-    boost::asio::strand<boost::asio::thread_pool::executor_type> uploader_;
+    SerialJobs uploader_;
     LayerFiles& files_;
     AssetFiles& assets_;
     const BlobStore& blobs_;

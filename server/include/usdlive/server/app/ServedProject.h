@@ -11,23 +11,25 @@
 #include <string>
 #include <thread>
 
+#include "usdlive/common/core/Thread.h"
 #include "usdlive/server/app/Metrics.h"
 #include "usdlive/server/app/Options.h"
+#include "usdlive/server/app/Workers.h"
 #include "usdlive/server/transport/FileRequest.h"
 #include "usdlive/server/transport/HttpServer.h"
 #include "usdlive/server/transport/Log.h"
 
 namespace usdlive::server {
 
-/// One project of this process: its disk, its threads and its transports. Projects share no thread
-/// and no queue, so that no project delays another. Functions may be called from any thread, unless
-/// a comment says otherwise.
+/// One project of this process: its disk, its threads and its transports. It has a thread for its
+/// network and one for its storage, and a share of the process's workers. Functions may be called
+/// from any thread, unless a comment says otherwise.
 class ServedProject {
 public:
     enum class State {
         Opening,  ///< opens for the first time
         Serving,
-        Failed,    ///< could not be opened; tried again after kRetryPause
+        Failed,    ///< could not be opened or has no thread; tried again after kRetryPause
         Stopping,  ///< sends acknowledgements and closes its store
         Stopped
     };
@@ -48,18 +50,27 @@ public:
     };
     static constexpr std::chrono::milliseconds kRetryPause{5'000};
 
-    /// Opens the project on a thread of its own. `changed` is called there after each change of
-    /// status(). `log` and `options` must outlive this object.
+    /// `changed` is called after each change of status(), usually on the project's thread.
+    /// `workers` and `options` must outlive this object.
     ServedProject(std::string name, std::filesystem::path folder, const ServerOptions& options,
-                  std::unique_ptr<Log> log, std::function<void()> changed);
+                  Workers& workers, std::unique_ptr<Log> log, std::function<void()> changed);
     /// Blocks until stop() has finished.
     ~ServedProject();
     ServedProject(const ServedProject&) = delete;
     ServedProject& operator=(const ServedProject&) = delete;
 
+    /// Opens the project on a thread of its own, unless it has one. Call start() and stop() on the
+    /// same thread.
+    void start();
+    /// Returns true if the system refused a thread of the project. The project has none then, and
+    /// is Failed until start() is called again.
+    [[nodiscard]] bool lacksThreads() const;
+
     [[nodiscard]] const std::string& name() const { return name_; }
     [[nodiscard]] const std::filesystem::path& folder() const { return folder_; }
     [[nodiscard]] Status status() const;
+    /// Returns the filter for texts that clients are sent.
+    [[nodiscard]] const PublicText& texts() const { return texts_; }
 
     /// Sets the URL for editors. From then on the project is also served over DDS if the options
     /// say so, and a second server for the folder names this one in its error. `done` gets the
@@ -83,19 +94,23 @@ private:
     void serve(std::unique_ptr<Running> running);
     [[nodiscard]] bool waitForRetry();
     void change(Status status);
+    void refused(const ThreadRefused& why);
     /// Calls `use(Running&)` on the project's thread. Returns false if the project is not served.
     bool post(std::function<void(Running&)> use);
 
     const std::string name_;
     const std::filesystem::path folder_;
+    const PublicText texts_;
     const ServerOptions& options_;
+    Workers& workers_;
     const std::unique_ptr<Log> log_;
     const std::function<void()> changed_;
 
-    mutable std::mutex mutex_;  // guards the next six members
+    mutable std::mutex mutex_;  // guards the next seven members
     std::condition_variable stop_;
     Status status_;
     bool stopping_ = false;
+    bool lacksThreads_ = false;  // thread_ has ended, or ends now
     std::string url_;
     std::function<void(Result<void>)> announced_;
     Running* running_ = nullptr;

@@ -36,6 +36,9 @@ public:
     void send(SessionId session, SharedBytes frames) override;
     void sendCommit(std::span<const SessionId> sessions, SharedBytes frame,
                     Revision revision) override;
+    [[nodiscard]] bool isMulticast(SessionId session) const override {
+        return carrierOf(session) == Carrier::Dds;
+    }
     bool holdCommits(SessionId session) override;
     void releaseCommits(SessionId session, Revision next) override;
     void sendUpdate(std::span<const SessionId> sessions, const StateUpdate& update) override;

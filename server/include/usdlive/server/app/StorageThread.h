@@ -34,6 +34,7 @@ public:
     StorageThread(SharedStore& store, std::chrono::milliseconds interval, Log& log)
         : store_(store), interval_(interval), log_(log) {}
     ~StorageThread() { stop(); }
+    /// Throws ThreadRefused.
     void start(Events events);
     /// Appends the waiting commits, then stops.
     void stop();

@@ -2,8 +2,6 @@
 #pragma once
 
 #include <atomic>
-#include <boost/asio/strand.hpp>
-#include <boost/asio/thread_pool.hpp>
 #include <filesystem>
 #include <map>
 #include <optional>
@@ -11,7 +9,7 @@
 #include "usdlive/server/app/ProjectStrand.h"
 #include "usdlive/server/app/SharedStore.h"
 #include "usdlive/server/app/StorageThread.h"
-#include "usdlive/server/app/WorkerLanes.h"
+#include "usdlive/server/app/Workers.h"
 #include "usdlive/server/project/ports/History.h"
 #include "usdlive/server/transport/Log.h"
 
@@ -20,9 +18,8 @@ namespace usdlive::server {
 /// A project's history in its store, appended by the storage thread and read by workers.
 class StoreHistory final : public ports::History {
 public:
-    StoreHistory(ProjectStrand& strand, Intake& intake, WorkerLanes& workers, SharedStore& store,
+    StoreHistory(ProjectStrand& strand, Intake& intake, WorkerShares& workers, SharedStore& store,
                  StorageThread& storage, std::filesystem::path blobFolder, Log& log);
-    ~StoreHistory() override;
 
     // Call these on the network thread.
     void append(CommitRecord commit) override;
@@ -55,18 +52,16 @@ private:
 
     ProjectStrand& strand_;
     Intake& intake_;
-    WorkerLanes& workers_;
-    // Run checkpoints in order, and snapshots in order.
-    boost::asio::strand<boost::asio::thread_pool::executor_type> checkpoints_, snapshotWriter_;
+    WorkerShares& workers_;
+    // Run checkpoints in order, snapshots in order, and one job at a time that reads the whole
+    // history and has no waiting user.
+    SerialJobs checkpoints_, snapshotWriter_, keeper_;
     SharedStore& store_;
     StorageThread& storage_;
     const std::filesystem::path blobFolder_;
     Log& log_;
     std::map<Revision, std::size_t> appending_;  ///< bytes of commits that are not stored yet
     std::atomic<bool> stopping_ = false;
-    /// Reads the whole history for jobs without a waiting user. The last member, so that its thread
-    /// ends before the objects it uses.
-    boost::asio::thread_pool keeper_{1};
 };
 
 }  // namespace usdlive::server

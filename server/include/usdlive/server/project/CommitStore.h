@@ -182,6 +182,9 @@ public:
 
     virtual ~CommitStore() = default;
 
+    /// Returns the identity of the store (ID1). It is made with the store and never changes; a
+    /// store of an earlier version gets one when it is opened.
+    [[nodiscard]] virtual StoreId identity() const = 0;
     /// Returns the newest durable commit.
     [[nodiscard]] virtual Head head() const = 0;
     /// Returns the start of the history. It only grows, and never exceeds head(). A request for an

@@ -17,6 +17,7 @@
 #include "usdlive/common/protocol/Frame.h"
 #include "usdlive/common/protocol/FrameParts.h"
 #include "usdlive/server/project/CommitStore.h"
+#include "usdlive/server/project/PublicText.h"
 #include "usdlive/server/project/ports/Ports.h"
 
 namespace usdlive::server {
@@ -27,6 +28,8 @@ struct BaseLimit {
     /// The reason why newer commits of sufficient age are kept; empty: there are none.
     std::string keptFor;
 };
+/// Returns the time of a commit that the store has, in milliseconds since 1970.
+[[nodiscard]] Result<std::int64_t> timeOf(const CommitStore& store, Revision revision);
 /// Returns the last commit that was made before `beforeMs` (milliseconds since 1970), but no later
 /// one than `upTo` or the oldest checkpoint. Takes long; any thread.
 [[nodiscard]] Result<BaseLimit> findBase(const CommitStore& store, std::int64_t beforeMs,
@@ -82,6 +85,8 @@ struct StoreState {
     std::vector<LayerId> unsaved = {};  ///< CommitStore::unsavedLayers()
     Revision forgottenUpTo = 0;         ///< CommitStore::forgottenUpTo()
     bool hasSpace = true;               ///< CommitStore::hasSpace()
+    StoreId identity = {};              ///< CommitStore::identity()
+    std::int64_t headTimeMs = 0;        ///< time of the newest commit; 0: there is none
 };
 
 /// Counters for /metrics. All count from the start of the project.
@@ -99,6 +104,7 @@ class Project {
 public:
     struct Options {
         std::string name;
+        PublicText texts = {};  ///< filters errors for clients
         std::size_t maxFrameBytes = kMaxFrameBytes;
         std::uint64_t maxBlobBytes = 4ull << 30;
         std::size_t maxEditsPerTransaction = kMaxTransactionEdits;

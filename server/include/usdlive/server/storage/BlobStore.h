@@ -1,6 +1,7 @@
 // Creates stores for big values.
 #pragma once
 
+#include <chrono>
 #include <cstdint>
 #include <filesystem>
 #include <memory>
@@ -19,6 +20,10 @@ struct BlobStoreOptions {
     /// The most values that may be incomplete. Starting one more drops the value whose last part is
     /// the oldest.
     std::size_t maxUnfinished = 64;
+    /// The incomplete values of writers that have left (forget()) are kept for others that continue
+    /// them: for this time, and at most so many bytes of them.
+    std::chrono::milliseconds keepLeft = std::chrono::minutes(15);
+    std::uint64_t maxLeftBytes = std::uint64_t(4) << 30;
 };
 
 /// Stores values as files, `<folder>/ab/abcdef...`. Deletes incomplete values of an earlier

@@ -29,6 +29,11 @@ struct RocksCommitStoreOptions {
     std::chrono::milliseconds verifyTime{2'000};
 };
 
+/// Starts the threads that RocksDB shares among all stores of the process, which run as long as the
+/// result is kept. Call it before the first store is opened: a store that has to start them cannot
+/// report that the system refuses one. Throws ThreadRefused.
+[[nodiscard]] std::shared_ptr<void> startStoreThreads();
+
 /// Opens the store in `folder`, or creates one. First writes the next epoch durably.
 ///
 /// Upgrades a store of an older format; an older server cannot read it afterwards. Errors:

@@ -4,6 +4,7 @@
 #include <memory>
 #include <string>
 
+#include "usdlive/common/core/StoreId.h"
 #include "usdlive/common/dds/Domain.h"
 #include "usdlive/server/transport/Log.h"
 #include "usdlive/server/transport/Transport.h"
@@ -18,6 +19,7 @@ struct DdsServerOptions {
     dds::DomainSettings domain;
     std::string project;  ///< the name by which clients find it
     std::string url;      ///< WebSocket address of the same project
+    StoreId store;        ///< identity of the project's store
     Revision revision = 0;
     /// The limit of one message from a client. A larger one gives FrameTooLarge and closes the
     /// session.
@@ -30,6 +32,8 @@ struct DdsServerOptions {
     std::chrono::milliseconds slowReaderTime{10'000};
     /// A peer that sends nothing for this long is treated as lost.
     std::chrono::milliseconds peerTime{14'000};
+    /// The time limit for the hello of a session.
+    std::chrono::milliseconds greetTime{10'000};
 };
 
 /// Serves a project over DDS (the DD rules): commits once for all clients, everything else to each

@@ -13,7 +13,9 @@
 #include <vector>
 
 #include "usdlive/common/core/Result.h"
+#include "usdlive/server/transport/HostNames.h"
 #include "usdlive/server/transport/Log.h"
+#include "usdlive/server/transport/Seats.h"
 #include "usdlive/server/transport/WebSocketTransport.h"
 
 namespace boost::asio {
@@ -72,20 +74,23 @@ using HttpRouter = std::function<HttpRoute(const HttpTarget& target)>;
 struct HttpServerOptions {
     std::string host = "127.0.0.1";
     std::uint16_t port = 0;  ///< 0: a free one
-    /// The limit of HTTP requests and WebSocket sessions together. Further connections are closed.
-    std::size_t maxConnections = 1'256;
+    /// The limits of all connections. Sessions are members; HTTP requests are guests.
+    Seats::Limits seats;
     /// The time limit for the request line and the headers, which may have 8 KiB.
     std::chrono::milliseconds headerTime{10'000};
     /// The time limit for a page's answer. After it the status is 503.
     std::chrono::milliseconds answerTime{10'000};
+    /// The hosts for which requests are answered (HO1).
+    HostNames hosts{{"*"}};
     /// The values of the header Origin that may open sessions; "*" allows all. Browsers send the
     /// origin of the page that connects. Other programs send no origin and may connect.
     std::vector<std::string> allowedOrigins;
 };
 
 struct HttpCounters {
-    std::uint64_t accepted = 0, turnedAway = 0;  ///< since the start
-    std::uint64_t connections = 0;               ///< open now, including WebSocket sessions
+    std::uint64_t accepted = 0;
+    std::uint64_t turnedAway = 0;   ///< gave way to others
+    std::uint64_t connections = 0;  ///< open now, including WebSocket sessions
 };
 
 /// Listens for HTTP connections, answers GET and HEAD requests, and hands WebSocket sessions to

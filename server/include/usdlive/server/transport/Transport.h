@@ -29,8 +29,9 @@ public:
 };
 
 /// Returns the frames of a large answer one after the other, and nullptr after the last. Called in
-/// the background, one call at a time, when the connection has room for more.
-using FrameSource = std::function<SharedBytes()>;
+/// the background, one call at a time, when the connection has room for more. The argument is the
+/// size that a frame should have at most, before compression; it is small on a slow line.
+using FrameSource = std::function<SharedBytes(std::size_t)>;
 /// Runs a function on another thread.
 using Background = std::function<void(std::function<void()>)>;
 
@@ -89,9 +90,8 @@ public:
     /// The same for transports that queue commits for each session.
     [[nodiscard]] virtual bool lags(SessionId session) { return congested(session); }
     /// Sends the frames of `source` interleaved with those of send(). The sources of a session take
-    /// turns. None is called while more than kBesideBytes wait.
+    /// turns. None is called while as much is on the way as the line carries in a moment (TL1).
     virtual void sendBeside(SessionId session, FrameSource source) = 0;
-    static constexpr std::size_t kBesideBytes = 256 * 1024;
     static constexpr std::size_t kMaxSources = 65'536;  ///< per session; one more closes it
     /// Sends the queued frames and the error, if any, then closes the session. Drops the sources.
     virtual void close(SessionId session) = 0;

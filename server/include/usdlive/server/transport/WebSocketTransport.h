@@ -19,10 +19,16 @@ struct WebSocketOptions {
     /// The limit of one message from a client. A larger one gives FrameTooLarge and closes the
     /// session.
     std::size_t maxMessageBytes = 64ull << 20;
+    /// The limit of the first message, a hello. It names the layers that a client has open.
+    std::size_t maxHelloBytes = 4ull << 20;
     /// The limit of data waiting for a reader. One more frame closes the session with SlowReader.
     std::size_t slowReaderBytes = 16ull << 20;
     /// A reader to which one message takes longer than this is also closed with SlowReader.
     std::chrono::milliseconds slowReaderTime{10'000};
+    /// The time limit for the hello, after the upgrade.
+    std::chrono::milliseconds greetTime{10'000};
+    /// The time limit for the rest of a message, after the last part of it that arrived.
+    std::chrono::milliseconds messageTime{30'000};
     /// The time limit for the answer to the upgrade request.
     std::chrono::milliseconds handshakeTime{10'000};
     /// A peer is pinged after half of this time without a message, and treated as lost after all of

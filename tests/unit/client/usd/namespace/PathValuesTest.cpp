@@ -17,10 +17,10 @@ using pxr::VtValue;
 namespace {
 
 // "/A" moves below "/B", which ends. "/C" and "/D" change places.
-const PathMoves kMoves{{SdfPath("/A"), SdfPath("/B/X")},
-                       {SdfPath("/B"), SdfPath()},
-                       {SdfPath("/C"), SdfPath("/D")},
-                       {SdfPath("/D"), SdfPath("/C")}};
+const PathMap kMoves(PathMoves{{SdfPath("/A"), SdfPath("/B/X")},
+                               {SdfPath("/B"), SdfPath()},
+                               {SdfPath("/C"), SdfPath("/D")},
+                               {SdfPath("/D"), SdfPath("/C")}});
 
 }  // namespace
 
@@ -37,7 +37,8 @@ TEST(PathValues, MovesOfOneEditHappenAtOnce) {
 }
 
 TEST(PathValues, TheMoveOfTheNearestPrefixCounts) {
-    const PathMoves moves{{SdfPath("/A"), SdfPath("/B")}, {SdfPath("/A/P"), SdfPath("/Q")}};
+    const PathMap moves(
+        PathMoves{{SdfPath("/A"), SdfPath("/B")}, {SdfPath("/A/P"), SdfPath("/Q")}});
     EXPECT_EQ(movedValue(VtValue(SdfPath("/A/P/R")), moves), SdfPath("/Q/R"));
     EXPECT_EQ(movedValue(VtValue(SdfPathExpression("/A/P/R + /A/R")), moves),
               SdfPathExpression("/Q/R + /B/R"));

@@ -35,26 +35,28 @@ struct CanApplyResult {
     [[nodiscard]] std::string whyNot() const;
 };
 
-/// The changes of one ApplyEdits(), for undoing them. A value; it keeps the changed layers in
-/// memory.
+/// The changes of one ApplyEdits(), for undoing them once. Copies share them. It keeps the changed
+/// layers in memory.
 class NamespaceRecord {
 public:
     NamespaceRecord();
     class Content;
-    explicit NamespaceRecord(std::shared_ptr<const Content> content);
+    explicit NamespaceRecord(std::shared_ptr<Content> content);
 
     /// Returns true if there is nothing to undo.
     [[nodiscard]] bool isEmpty() const;
     /// Returns the changed layers.
     [[nodiscard]] std::vector<pxr::SdfLayerHandle> layers() const;
 
-    /// Undoes the edits in one change block. In a layer for which `isShared` returns true, only
-    /// values that were not changed since the edits are restored. Returns the parts that were
-    /// not restored. Call it on the thread that owns the layers.
+    /// Undoes the edits, in as many change blocks as they were made in, and empties the record.
+    /// An edit whose specs cannot go back stays as a whole, with the paths that lead to them. In a
+    /// layer for which `isShared` returns true, only values that were not changed since the edits
+    /// are restored. Returns the parts that were not restored. Throws Misuse on another thread than
+    /// that of ApplyEdits().
     std::vector<content::Kept> undo(const content::Record::IsShared& isShared) const;
 
 private:
-    std::shared_ptr<const Content> content_;
+    std::shared_ptr<Content> content_;
 };
 
 /// Deletes, renames and moves prims and properties of a composed stage in all of its local layers,
@@ -62,7 +64,9 @@ private:
 /// UsdNamespaceEditor.
 ///
 /// Edits are added to a batch. Each edit is validated against the stage that the edits before it
-/// produce. The batch is applied as a whole or not at all, within one change block.
+/// produce. The batch is applied as a whole or not at all: within one change block, or, if paths of
+/// its edits meet ("/A" to "/B", then "/C" to "/A"), within several, because a UsdStage does not
+/// survive such moves in one.
 ///
 /// Threads: use the editor only on the thread that created it. A call from another thread throws
 /// Misuse. The editor keeps the stage's layers in memory.

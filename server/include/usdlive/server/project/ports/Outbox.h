@@ -38,6 +38,9 @@ public:
     /// with the frames of send(). A multicast transport sends it once for all sessions.
     virtual void sendCommit(std::span<const SessionId> sessions, SharedBytes frame,
                             Revision revision) = 0;
+    /// Returns whether a multicast transport carries the session, so that all its sessions receive
+    /// the same commits.
+    [[nodiscard]] virtual bool isMulticast(SessionId /*session*/) const { return false; }
     /// Stops live commits to a session until releaseCommits(), so that none arrives between the
     /// frames of send(). Returns true if the session may already have received later commits than
     /// those of sendCommit(), because a multicast transport sent them to all sessions.
