@@ -335,7 +335,8 @@ class Live:
     def without_waiting(self, compose: typing.Callable[[], object]) -> None:
         """Calls a function of yours within a frame that lets stages compose something, for example
         `live.without_waiting(lambda: stage.UnmuteLayer(layer))`. As in `tick()`, packages and value clips that have to
-        be fetched are fetched in the background, and a later tick composes them."""
+        be fetched are fetched in the background, where providers of payloads are asked as well. A later tick composes
+        them."""
         self._client.without_waiting(compose)
 
     def flush(self, timeout: float = 10.0) -> bool:

@@ -7,6 +7,7 @@
 #include "transport/Connection.h"
 #include "transport/SystemUser.h"
 #include "usd/ClientImpl.h"
+#include "usd/DynamicPayloads.h"
 #include "usd/Journal.h"
 #include "usdlive/common/core/ClientSecret.h"
 #include "usdlive/common/core/Thread.h"
@@ -140,6 +141,7 @@ std::string Client::identifierOf(const LayerId& layer, const pxr::SdfLayerHandle
 Client::TickResult Client::tick(double budgetMs) { return here("tick").tick(budgetMs); }
 void Client::withoutWaiting(const std::function<void()>& compose) {
     const client::ProjectFiles::Tick neverWaits(here("withoutWaiting").files());
+    const client::DynamicPayloadTick neverAsks;
     compose();
 }
 void Client::beginGesture() { here("beginGesture").setGesture(true); }

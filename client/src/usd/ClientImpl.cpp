@@ -8,6 +8,7 @@
 #include <variant>
 
 #include "usd/Clocks.h"
+#include "usd/DynamicPayloads.h"
 #include "usd/Raised.h"
 #include "usdlive/common/core/ClientSecret.h"
 
@@ -131,6 +132,7 @@ void Client::Impl::work(double budgetMs, TickResult& result, Seal seal) {
     const Raised ticking(ticking_);
     const Stopwatch watch;
     const client::ProjectFiles::Tick neverWaits(files_);
+    const client::DynamicPayloadTick payloads;
     const auto left = [&] { return std::max(budgetMs - watch.ms(), 0.1); };
     layers_.adoptLoaded(left());
     result.more = opens_.start(left());
@@ -152,6 +154,7 @@ void Client::Impl::work(double budgetMs, TickResult& result, Seal seal) {
     }
     applyApart();
     late_.composeClips();
+    payloads.composeArrived();
     takeEvents(std::move(happened), result);
     result.more = opens_.advance(left()) || result.more;
     for (auto& outside : frame_.takeOutside()) events_.push(std::move(outside));

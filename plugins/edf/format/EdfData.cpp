@@ -84,12 +84,13 @@ void EdfData::need(const SdfPath& path, Needs needs) const {
             const std::lock_guard lock(deferredMutex_);
             return deferred_.contains(prefix);
         }();
-        if (isDeferred && (prefix != prim || (needs == Needs::Children && prim == path)))
-            readPart(prefix);
+        if (!isDeferred || (prefix == prim && (needs == Needs::Spec || prim != path))) continue;
+        if (isPostponed_ && isPostponed_()) return;
+        readPart(prefix);
     }
 }
 
-void EdfData::needAll() const {
+void EdfData::readAll() const {
     while (pending_ > 0) {
         const SdfPath next = [&] {
             const std::lock_guard lock(deferredMutex_);
@@ -133,7 +134,7 @@ void EdfData::EraseSpec(const SdfPath& path) {
 }
 
 void EdfData::MoveSpec(const SdfPath& from, const SdfPath& to) {
-    needAll();
+    readAll();
     SdfData::MoveSpec(from, to);
 }
 
@@ -193,7 +194,7 @@ std::vector<TfToken> EdfData::List(const SdfPath& path) const {
 }
 
 std::set<double> EdfData::ListAllTimeSamples() const {
-    needAll();
+    readAll();
     return SdfData::ListAllTimeSamples();
 }
 
@@ -202,7 +203,7 @@ std::set<double> EdfData::ListTimeSamplesForPath(const SdfPath& path) const {
 }
 
 bool EdfData::GetBracketingTimeSamples(double time, double* lower, double* upper) const {
-    needAll();
+    readAll();
     return SdfData::GetBracketingTimeSamples(time, lower, upper);
 }
 
@@ -241,7 +242,7 @@ void EdfData::EraseTimeSample(const SdfPath& path, double time) {
 }
 
 void EdfData::_VisitSpecs(pxr::SdfAbstractDataSpecVisitor* visitor) const {
-    needAll();
+    readAll();
     SdfData::_VisitSpecs(visitor);
 }
 

@@ -35,6 +35,13 @@ public:
 
     /// Defers the children of these prims. Called before the layer gets the data.
     void defer(const pxr::SdfPathSet& prims, ReadPart read);
+    /// Returns true if a deferred part must not be read now: it is treated as empty then.
+    using IsPostponed = std::function<bool()>;
+    /// Sets what is asked before a part is read for one path. Called before the layer gets the
+    /// data. What needs all parts, such as an export, does not ask.
+    void setPostponed(IsPostponed isPostponed) { isPostponed_ = std::move(isPostponed); }
+    /// Reads all deferred parts.
+    void readAll() const;
 
     /// The origin of the content.
     struct Sources {
@@ -95,11 +102,11 @@ private:
     template <class Write>
     void writing(const pxr::SdfPath& path, Write write);
     void need(const pxr::SdfPath& path, Needs needs) const;
-    void needAll() const;
     void readPart(const pxr::SdfPath& prim) const;
     void add(const Part& part);
 
     ReadPart read_;
+    IsPostponed isPostponed_;
     bool isStreaming_ = false;
     Sources sources_;
 

@@ -11,6 +11,7 @@
 #include <pxr/usd/sdf/schema.h>
 
 #include <exception>
+#include <optional>
 #include <utility>
 
 #include "Arguments.h"
@@ -25,6 +26,8 @@ using usdlive::edf::EdfData;
 using usdlive::edf::EdfDataParameters;
 using usdlive::edf::EdfDataRefPtr;
 using usdlive::edf::IEdfDataProvider;
+using usdlive::edf::LateReads;
+using usdlive::edf::ReadResult;
 using usdlive::edf::SourceData;
 
 namespace {
@@ -57,6 +60,13 @@ EdfDataRefPtr failedData(const std::string& reason) {
     auto data = TfCreateRefPtr(new EdfData);
     data->CreateSpec(SdfPath::AbsoluteRootPath(), SdfSpecTypePseudoRoot);
     data->Set(SdfPath::AbsoluteRootPath(), SdfFieldKeys->Comment, VtValue(reason));
+    data->setSources({{}, false, true});
+    return data;
+}
+
+// The content of a layer that is being read: empty, and no error yet.
+EdfDataRefPtr lateData() {
+    const auto data = emptyData();
     data->setSources({{}, false, true});
     return data;
 }
@@ -130,23 +140,38 @@ bool EdfFileFormat::CanRead(const std::string& file) const {
 bool EdfFileFormat::Read(SdfLayer* layer, const std::string& resolvedPath,
                          bool metadataOnly) const {
     const auto request = usdlive::edf::requestOf(layer->GetFileFormatArguments());
-    EdfDataRefPtr data = emptyData();
     std::string reason = request.invalid;
+    std::optional<ReadResult> result = ReadResult{emptyData(), {}};
     // Without a provider nothing is wrong yet: somebody adds the payload first and the metadata
     // next.
     if (!metadataOnly && reason.empty() && !request.dataProviderId.empty()) {
         const bool isAnonymous = SdfLayer::IsAnonymousLayerIdentifier(resolvedPath);
-        reason = readBy(
-            {request.dataProviderId, request.providerArgs,
-             isAnonymous ? std::string() : resolvedPath},
-            "@" + layer->GetIdentifier() + "@, provider '" + request.dataProviderId + "'", data);
+        const EdfDataParameters parameters{request.dataProviderId, request.providerArgs,
+                                           isAnonymous ? std::string() : resolvedPath};
+        const auto label =
+            "@" + layer->GetIdentifier() + "@, provider '" + request.dataProviderId + "'";
+        result = LateReads::ofProcess().read(
+            SdfLayerHandle(layer), request.dataProviderId,
+            [this, parameters, label] { return readBy(parameters, label); });
+        if (result) reason = result->reason;
     }
-    const bool keeps = !reason.empty() && sourcesOf(*layer).isRead;
+    const bool keeps = (!result || !reason.empty()) && sourcesOf(*layer).isRead;
     if (!reason.empty())
         TF_WARN("edf: @%s@ cannot be read, so %s: %s", layer->GetIdentifier().c_str(),
                 keeps ? "it keeps its content" : "its payloads are empty", reason.c_str());
     if (keeps) return true;
-    if (!reason.empty()) data = failedData(reason);
+    const EdfDataRefPtr data = !reason.empty() ? failedData(reason)
+                               : result        ? result->data
+                                               : lateData();
+    // Within a tick of a live client, a thread reads the deferred parts, and a later tick composes
+    // them.
+    if (!data->IsDetached())
+        data->setPostponed([handle = SdfLayerHandle(layer), provider = request.dataProviderId,
+                            own = get_pointer(data)] {
+            return handle && LateReads::ofProcess().postpone(
+                                 handle, provider,
+                                 [owned = EdfDataRefPtr(own)] { return ReadResult{owned, {}}; });
+        });
     const auto sources = data->sources();
     SdfAbstractDataRefPtr content = data;
     _SetLayerData(layer, content);
@@ -159,13 +184,13 @@ bool EdfFileFormat::Read(SdfLayer* layer, const std::string& resolvedPath,
     return true;
 }
 
-std::string EdfFileFormat::readBy(const EdfDataParameters& parameters, const std::string& label,
-                                  EdfDataRefPtr& data) const {
+ReadResult EdfFileFormat::readBy(const EdfDataParameters& parameters,
+                                 const std::string& label) const {
     const auto answer = providers_.find(parameters.dataProviderId);
     const auto who = "the provider '" + parameters.dataProviderId +
                      (answer.plugin.empty() ? "'" : "' of the plug-in " + answer.plugin) +
                      " cannot be used: ";
-    if (!answer.factory) return who + answer.error;
+    if (!answer.factory) return {nullptr, who + answer.error};
     auto reading = std::make_shared<ReadingProvider>();
     reading->label = label + " of the plug-in " + answer.plugin;
     reading->limit = answer.limit;
@@ -183,12 +208,11 @@ std::string EdfFileFormat::readBy(const EdfDataParameters& parameters, const std
                          one.provider = factory->New(composed);
                          return one.provider->Read(into, why);
                      });
-    if (!source) return who + reason;
+    if (!source) return {nullptr, who + reason};
     made->defer(source->deferred(),
                 [reading](const SdfPath& prim) { return readChildren(reading, prim); });
     made->setSources({source->dependencies(), true, source->mayChange()});
-    data = made;
-    return {};
+    return {made, {}};
 }
 
 AbandonedCalls EdfFileFormat::abandonedOf(const std::string& provider) const {
@@ -271,3 +295,11 @@ bool EdfFileFormat::CanFieldChangeAffectFileFormatArguments(
     return usdlive::edf::canChangeRequest(oldValue, newValue,
                                           dependencyContextData.UncheckedGet<VtDictionary>());
 }
+
+// For a client library in the same process, which finds the functions by their names
+// (client/src/usd/DynamicPayloads.h). A change of their meaning changes the number.
+#define USDLIVE_EDF_EXPORT extern "C" __attribute__((visibility("default")))
+USDLIVE_EDF_EXPORT void usdliveEdfBeginTick1() { LateReads::ofProcess().beginTick(); }
+USDLIVE_EDF_EXPORT void usdliveEdfEndTick1() { LateReads::ofProcess().endTick(); }
+USDLIVE_EDF_EXPORT void usdliveEdfReloadArrived1() { LateReads::ofProcess().reloadArrived(); }
+#undef USDLIVE_EDF_EXPORT

@@ -12,6 +12,7 @@
 
 #include "EdfData.h"
 #include "GuardedCall.h"
+#include "LateReads.h"
 #include "ProviderRegistry.h"
 #include "usdlive/edf/DataProvider.h"
 
@@ -61,10 +62,8 @@ protected:
 
 private:
     [[nodiscard]] static usdlive::edf::EdfData::Sources sourcesOf(const pxr::SdfLayer& layer);
-    // Fills the data by the provider; returns the reason of a failure.
-    [[nodiscard]] std::string readBy(const usdlive::edf::EdfDataParameters& parameters,
-                                     const std::string& label,
-                                     usdlive::edf::EdfDataRefPtr& data) const;
+    [[nodiscard]] usdlive::edf::ReadResult readBy(const usdlive::edf::EdfDataParameters& parameters,
+                                                  const std::string& label) const;
     [[nodiscard]] usdlive::edf::AbandonedCalls abandonedOf(const std::string& provider) const;
 
     mutable usdlive::edf::ProviderRegistry providers_;

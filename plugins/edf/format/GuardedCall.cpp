@@ -8,6 +8,7 @@
 #include <mutex>
 #include <system_error>
 #include <thread>
+#include <utility>
 
 #include "Problems.h"
 
@@ -41,6 +42,15 @@ std::string reasonOf(const std::function<bool(std::string&)>& call) {
 
 }  // namespace
 
+std::string startDetached(std::function<void()> run) {
+    try {
+        std::thread(std::move(run)).detach();
+        return {};
+    } catch (const std::system_error& error) {
+        return std::string("no thread could be started: ") + error.what();
+    }
+}
+
 std::string callGuarded(std::function<bool(std::string&)> call, std::chrono::milliseconds limit,
                         const std::shared_ptr<std::atomic<bool>>& isCancelled,
                         const AbandonedCalls& abandoned) {
@@ -48,19 +58,16 @@ std::string callGuarded(std::function<bool(std::string&)> call, std::chrono::mil
         return "it is not called, because " + std::to_string(kMaxAbandonedCalls) +
                " earlier calls have not returned yet";
     auto pending = std::make_shared<PendingCall>();
-    try {
-        std::thread([pending, abandoned, call = std::move(call)]() mutable {
-            auto reason = reasonOf(call);
-            call = nullptr;  // ends what it owns before the waiting thread goes on
-            const std::lock_guard lock(pending->mutex);
-            pending->reason = std::move(reason);
-            pending->isDone = true;
-            if (pending->isAbandoned) --*abandoned;
-            pending->changed.notify_one();
-        }).detach();
-    } catch (const std::system_error& error) {
-        return std::string("no thread could be started: ") + error.what();
-    }
+    const auto problem = startDetached([pending, abandoned, call = std::move(call)]() mutable {
+        auto reason = reasonOf(call);
+        call = nullptr;  // ends what it owns before the waiting thread goes on
+        const std::lock_guard lock(pending->mutex);
+        pending->reason = std::move(reason);
+        pending->isDone = true;
+        if (pending->isAbandoned) --*abandoned;
+        pending->changed.notify_one();
+    });
+    if (!problem.empty()) return problem;
     std::unique_lock lock(pending->mutex);
     if (pending->changed.wait_for(lock, limit, [&] { return pending->isDone; }))
         return pending->reason;

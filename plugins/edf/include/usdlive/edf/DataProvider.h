@@ -84,7 +84,8 @@ public:
 /// deferred prim, and for different prims from several threads at the same time. Composition waits
 /// for these calls, up to the time limit of the provider (60 seconds, or `timeLimitSeconds` in its
 /// plugInfo.json). At the limit the payload is an error, and the call's data is dropped whenever it
-/// ends.
+/// ends. In the tick of an editor that is connected with usdlive, composition does not wait: a
+/// thread makes all calls for a layer, and a later tick composes the content.
 ///
 /// A call fails by returning false with the cause in `why`, or with an exception that derives from
 /// std::exception. It must not use the layer or a stage that it is read for: their threads wait for
