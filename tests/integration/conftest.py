@@ -14,6 +14,7 @@ import socket
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 import types
 
@@ -296,6 +297,22 @@ def refused_in_a_notice(call, live: usdlive.Live, server: Server) -> usdlive.Err
     key.Revoke()
     assert said, "the call was not refused"
     return said[0]
+
+
+def error_elsewhere(call) -> "usdlive.Error | None":
+    """Returns the error that the call raises on another thread."""
+    caught = []
+
+    def run():
+        try:
+            call()
+        except usdlive.Error as error:
+            caught.append(error)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    thread.join()
+    return caught[0] if caught else None
 
 
 def wait(condition, *ticking, timeout=10):

@@ -4,12 +4,11 @@ import os
 import pathlib
 import subprocess
 import sys
-import threading
 import time
 
 import pytest
 import usdlive
-from conftest import synced
+from conftest import error_elsewhere, synced
 from pxr import Sdf, Usd
 
 HERE = pathlib.Path(__file__).parent
@@ -153,18 +152,7 @@ def test_undo_on_another_thread_is_refused():
     one = usdlive.NamespaceEditor(Usd.Stage.Open(layer))
     one.MovePrimAtPath("/W/Chair", "/W/Stool")
     assert one.ApplyEdits()
-    caught = []
-
-    def elsewhere():
-        try:
-            one.Undo()
-        except usdlive.Error as error:
-            caught.append(error)
-
-    thread = threading.Thread(target=elsewhere)
-    thread.start()
-    thread.join()
-    assert len(caught) == 1 and "thread" in str(caught[0])
+    assert "thread" in str(error_elsewhere(one.Undo))
     assert layer.GetPrimAtPath("/W/Stool")
     assert one.Undo() == []
     assert layer.GetPrimAtPath("/W/Chair")

@@ -2,13 +2,12 @@
 
 import os
 import random
-import threading
 
 import namespace_oracle as oracle
 import namespace_scenes as scenes
 import pytest
 import usdlive
-from conftest import synced
+from conftest import error_elsewhere, synced
 from pxr import Sdf, Tf, Usd, Vt
 
 SEEDS = int(os.environ.get("USDLIVE_NAMESPACE_SEEDS", "50"))
@@ -586,18 +585,7 @@ def test_mistakes_are_errors_and_no_crash():
             editor.DeletePrimAtPath(bad)
         assert not editor.CanApplyEdits()
         editor.ClearEdits()
-    caught = []
-
-    def elsewhere():
-        try:
-            editor.CanApplyEdits()
-        except usdlive.Error as error:
-            caught.append(error)
-
-    thread = threading.Thread(target=elsewhere)
-    thread.start()
-    thread.join()
-    assert len(caught) == 1 and "thread" in str(caught[0])
+    assert "thread" in str(error_elsewhere(editor.CanApplyEdits))
     editor.MovePrimAtPath("/A", "/C")
     assert editor.ApplyEdits() and not editor.ApplyEdits()
 

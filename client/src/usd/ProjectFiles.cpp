@@ -56,11 +56,6 @@ Result<const ResolverInterface*> findResolver() {
 
 bool isLayer(const std::string& path) { return parseLayerId(path).has_value(); }
 
-std::string hostAndPort(const ServerAddress& web) {
-    const bool isIpv6 = web.host.find(':') != std::string::npos;
-    return (isIpv6 ? "[" + web.host + "]" : web.host) + ":" + std::to_string(web.port);
-}
-
 }  // namespace
 
 std::string encodedInAddress(std::string_view path) {
@@ -118,18 +113,19 @@ std::optional<std::string> ProjectFiles::start(const fs::path& folder,
     if (!web) return refuse("the server of this project has announced no address for HTTP");
     const std::string prefix = web->project.empty() ? "" : web->project + "/";
     const char* token =
-        (*resolver)->live(hostAndPort(*web).c_str(), prefix.c_str(), folder.string().c_str());
+        (*resolver)->live(web->hostAndPort().c_str(), prefix.c_str(), folder.string().c_str());
     if (!token) return refuse("the host " + web->host + " cannot be part of an address");
     resolver_ = *resolver;
     token_ = token;
-    base_ = pxr::ArGetResolver().CreateIdentifier("usdlive://" + hostAndPort(*web) + "/@~" + token +
-                                                  "/" + encodedInAddress(prefix) + "layer.usda");
+    base_ =
+        pxr::ArGetResolver().CreateIdentifier("usdlive://" + web->hostAndPort() + "/@~" + token +
+                                              "/" + encodedInAddress(prefix) + "layer.usda");
     base_.resize(base_.rfind('/') + 1);
     state_ = std::make_shared<State>();
     state_->resolver = resolver_;
     state_->token = token_;
     worker_ = std::make_unique<Worker>();
-    resolver_->connected(token_, hostAndPort(*web).c_str(), 1);
+    resolver_->connected(token_, web->hostAndPort().c_str(), 1);
     ask(steadyMs());
     return base_;
 }
@@ -140,7 +136,7 @@ void ProjectFiles::follow(bool isConnected, const Connection& connection, std::i
         isConnected_ = isConnected;
         // The server may have another port when it is back.
         const auto web = isConnected ? connection.web() : std::nullopt;
-        resolver_->connected(token_, web ? hostAndPort(*web).c_str() : "", isConnected ? 1 : 0);
+        resolver_->connected(token_, web ? web->hostAndPort().c_str() : "", isConnected ? 1 : 0);
         if (isConnected) {
             ask(nowMs);
             fetchNeeded({});
