@@ -299,6 +299,32 @@ def refused_in_a_notice(call, live: usdlive.Live, server: Server) -> usdlive.Err
     return said[0]
 
 
+class Relay:
+    """Accepts connections in the place of a server, each on a thread of its own. `_serve()` of a subclass says what
+    happens to them."""
+
+    def __init__(self, server):
+        self.server = server
+        self._ends: list[socket.socket] = []
+        self._listener = socket.create_server(("127.0.0.1", unused_port()))
+        self.url = f"ws://127.0.0.1:{self._listener.getsockname()[1]}"
+        threading.Thread(target=self._accept, daemon=True).start()
+
+    def _accept(self):
+        with contextlib.suppress(OSError):
+            while True:
+                here, _ = self._listener.accept()
+                self._ends.append(here)
+                threading.Thread(target=self._serve, args=(here,), daemon=True).start()
+
+    def _serve(self, here: socket.socket):
+        raise NotImplementedError
+
+    def close(self):
+        for end in [self._listener, *self._ends]:
+            end.close()
+
+
 def error_elsewhere(call) -> "usdlive.Error | None":
     """Returns the error that the call raises on another thread."""
     caught = []

@@ -14,23 +14,19 @@ import time
 
 import pytest
 import usdlive
-from conftest import connect, unused_port, wait
+from conftest import Relay, connect, wait
 from late_files_test import write_cube, write_package
 from pxr import Sdf, Usd
 
 
-class Gate:
+class Gate(Relay):
     """Passes connections on to a server. Requests whose line has the text `holds` wait until release(), and all connections
     can be cut."""
 
     def __init__(self, server, holds: str):
-        self.server, self.holds = server, holds.encode()
+        self.holds = holds.encode()
         self.held, self.opened = threading.Event(), threading.Event()
-        self.isOpen = True
-        self._ends: list[socket.socket] = []
-        self._listener = socket.create_server(("127.0.0.1", unused_port()))
-        self.url = f"ws://127.0.0.1:{self._listener.getsockname()[1]}"
-        threading.Thread(target=self._accept, daemon=True).start()
+        super().__init__(server)
 
     def release(self):
         self.opened.set()
@@ -41,17 +37,9 @@ class Gate:
                 end.shutdown(socket.SHUT_RDWR)
 
     def close(self):
-        self.isOpen = False
         self.release()
         self._listener.close()
         self.cut()
-
-    def _accept(self):
-        with contextlib.suppress(OSError):
-            while True:
-                here, _ = self._listener.accept()
-                self._ends.append(here)
-                threading.Thread(target=self._serve, args=(here,), daemon=True).start()
 
     def _serve(self, here):
         with contextlib.suppress(OSError), here:

@@ -18,7 +18,7 @@ import time
 
 import pytest
 import usdlive
-from conftest import connect, unused_port, wait
+from conftest import Relay, connect, wait
 from pxr import Ar, Sdf, Tf, Usd, UsdUtils
 from resolver_probe import content_hash
 from resolver_scene import make_project
@@ -246,27 +246,14 @@ def test_close_does_not_wait_for_a_server_that_hangs(serve, shot):
         server.process.send_signal(signal.SIGCONT)
 
 
-class OnlyLive:
+class OnlyLive(Relay):
     """Passes WebSocket connections on to a server, and accepts other requests without ever answering them."""
-
-    def __init__(self, server):
-        self._server, self._ends = server, []
-        self._listener = socket.create_server(("127.0.0.1", unused_port()))
-        self.url = f"ws://127.0.0.1:{self._listener.getsockname()[1]}"
-        threading.Thread(target=self._accept, daemon=True).start()
-
-    def _accept(self):
-        with contextlib.suppress(OSError):
-            while True:
-                here, _ = self._listener.accept()
-                self._ends.append(here)
-                threading.Thread(target=self._serve, args=(here,), daemon=True).start()
 
     def _serve(self, here):
         first = here.recv(65536)
         if b" /live" not in first.split(b"\r\n")[0]:
             return
-        there = socket.create_connection(("127.0.0.1", self._server.port))
+        there = socket.create_connection(("127.0.0.1", self.server.port))
         self._ends.append(there)
         there.sendall(first)
         threading.Thread(target=self._pass, args=(there, here), daemon=True).start()
@@ -278,10 +265,6 @@ class OnlyLive:
             while data := one.recv(65536):
                 other.sendall(data)
 
-    def close(self):
-        for end in [self._listener, *self._ends]:
-            end.close()
-
 
 class Counting(OnlyLive):
     """Passes everything on, and counts the bytes of each answer with the list of files."""
@@ -292,7 +275,7 @@ class Counting(OnlyLive):
 
     def _serve(self, here):
         first = here.recv(65536)
-        there = socket.create_connection(("127.0.0.1", self._server.port))
+        there = socket.create_connection(("127.0.0.1", self.server.port))
         self._ends.append(there)
         there.sendall(first)
         threading.Thread(target=self._pass, args=(here, there), daemon=True).start()
