@@ -476,7 +476,7 @@ void Capture::begin() {
     begun_();
 }
 
-// Refuses content that no file can have (ED8, ED9, ED11).
+// Refuses content that no file can have (ED8, ED9, ED11, ED12).
 Result<void> Capture::check(std::string_view path, const EditAction& action) const {
     const auto* set = std::get_if<SetField>(&action);
     if (set && dependsOnType(set->field)) {
@@ -494,7 +494,7 @@ Result<void> Capture::check(std::string_view path, const EditAction& action) con
     const auto kind = field == "typeName" ? working_->kind(path) : std::nullopt;
     if (kind)
         if (auto proper = checkTypeName(*kind, action); !proper) return proper;
-    return set ? checkDictionary(*set) : Result<void>();
+    return set ? checkDictionary(*set).and_then([&] { return checkTexts(*set); }) : Result<void>();
 }
 
 Result<void> Capture::record(std::string_view path, EditAction action) {

@@ -1,4 +1,4 @@
-// Checks that edits of authors can be saved as files and read back (ED8-ED11).
+// Checks that edits of authors can be saved as files and read back (ED8-ED12).
 #include "usdlive/common/layer/FileRules.h"
 
 #include <algorithm>
@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "Identifier.h"
+#include "ValueRules.h"
 #include "usdlive/common/core/Utf8.h"
 
 namespace usdlive {
@@ -236,7 +237,60 @@ const std::string* misplacedIn(const Dictionary& dictionary) {
     return nullptr;
 }
 
+bool hasNul(std::string_view text) { return text.find('\0') != std::string_view::npos; }
+
+// Returns true if a text or key in the content of a field holds a NUL.
+bool hasNul(const Value& value) {
+    return !value.isBlob() && holdsNul(value.type(), value.bytes());
+}
+bool hasNul(const Dictionary& dictionary) {
+    return std::ranges::any_of(dictionary.entries, [](const auto& entry) {
+        return hasNul(entry.first) ||
+               std::visit([](const auto& content) { return hasNul(content); }, entry.second);
+    });
+}
+bool hasNul(const TimeSamples& samples) {
+    return std::ranges::any_of(samples.samples,
+                               [](const auto& sample) { return hasNul(sample.second); });
+}
+bool hasNul(const ListOp& list) {
+    return std::ranges::any_of(list.lists, [](const std::vector<Value>& items) {
+        return std::ranges::any_of(items, [](const Value& item) { return hasNul(item); });
+    });
+}
+bool hasNul(const Map& map) {
+    return std::ranges::any_of(map.entries, [](const auto& entry) {
+        return hasNul(entry.first) || hasNul(entry.second);
+    });
+}
+
+bool hasNul(std::monostate) { return false; }
+bool hasNul(const SampleTime&) { return false; }
+bool hasNul(const DictionaryKey& part) {
+    return std::ranges::any_of(part.path, [](const std::string& key) { return hasNul(key); });
+}
+bool hasNul(const ListItem& part) { return hasNul(part.item); }
+bool hasNul(const MapKey& part) { return hasNul(part.key); }
+
 }  // namespace
+
+bool holdsNul(ValueType type, ByteView bytes) {
+    const ValueType element{std::uint16_t(std::uint16_t(type) & 0xFF)};
+    const bool mayHold = element == ValueType::String || element == ValueType::StringVector ||
+                         element == ValueType::Unregistered || element == ValueType::Reference ||
+                         element == ValueType::Spline;
+    bool found = false;
+    return mayHold && !problemOfLeaf(type, bytes, &found) && found;
+}
+
+Result<void> checkTexts(const SetField& set) {
+    if (!set.value.visit([](const auto& content) { return hasNul(content); }) &&
+        !std::visit([](const auto& part) { return hasNul(part); }, set.part))
+        return {};
+    return fail(ErrorCode::InvalidValue,
+                "a text in " + inQuotes(set.field) +
+                    " holds a NUL, and no file keeps what comes after it");
+}
 
 Result<void> checkDictionary(const SetField& set) {
     const auto* part = std::get_if<DictionaryKey>(&set.part);

@@ -138,9 +138,10 @@ private:
         if (const auto* move = std::get_if<MoveSpec>(&edit.action)) return checkPath(move->parent);
         const bool root = !edit.address.creation && edit.address.path == "/";
         if (const auto* set = std::get_if<SetField>(&edit.action))
-            return checkAuthored(*set).and_then([&] { return checkSet(root, *set); }).and_then([&] {
-                return checkDictionary(*set);
-            });
+            return checkAuthored(*set)
+                .and_then([&] { return checkSet(root, *set); })
+                .and_then([&] { return checkDictionary(*set); })
+                .and_then([&] { return checkTexts(*set); });
         if (const auto* erase = std::get_if<EraseField>(&edit.action)) return checkErase(*erase);
         return {};
     }

@@ -185,7 +185,8 @@ struct Allowed {
 // Checks bytes from left to right. Each function reads from `in_` the item of its name.
 class Checker {
 public:
-    Checker(ByteView bytes, Nesting place) : in_(bytes), place_(place) {}
+    Checker(ByteView bytes, Nesting place, bool* holdsNul = nullptr)
+        : in_(bytes), place_(place), holdsNul_(holdsNul) {}
 
     Problem leaf(ValueType type) {
         if (!isLeafType(type)) return "has a type that is unknown or not a single value";
@@ -244,11 +245,17 @@ private:
         const std::string_view text = in_.text();
         if (in_.failed()) return kTooShort;
         if (!isUtf8(text)) return "holds text that is not UTF-8";
-        if (type != ValueType::String && text.find('\0') != std::string_view::npos)
+        if (type == ValueType::String)
+            noteNul(text);
+        else if (text.find('\0') != std::string_view::npos)
             return "holds a NUL in a text of names";
         if (type == ValueType::Path) return problemOfPath(text);
         if (type == ValueType::PathExpression) return problemOfExpression(text);
         return nullptr;
+    }
+
+    void noteNul(std::string_view text) {
+        if (holdsNul_ && text.find('\0') != std::string_view::npos) *holdsNul_ = true;
     }
 
     Problem texts(ValueType type, std::uint64_t count) {
@@ -371,7 +378,7 @@ private:
         if (form != 0) return "has an unknown form";
         const ByteView bytes = in_.take(size);
         if (in_.failed()) return kTooShort;
-        Checker inner(bytes, innerPlace(type));
+        Checker inner(bytes, innerPlace(type), holdsNul_);
         return inner.content(type, allowed);
     }
 
@@ -415,6 +422,7 @@ private:
             const std::string_view key = in_.text();
             if (in_.failed()) return kTooShort;
             if (!isUtf8(key)) return "holds a key that is not UTF-8";
+            noteNul(key);
             if (before && !(*before < key)) return "holds keys that do not ascend";
             before = key;
             if (Problem problem = field({.dictionary = true, .blob = !place_.inLeaf}))
@@ -477,6 +485,7 @@ private:
 
     ByteReader in_;
     Nesting place_;
+    bool* const holdsNul_;
 };
 
 constexpr const char* kNames[] = {
@@ -506,8 +515,8 @@ const char* baseName(ValueType type) {
 
 }  // namespace
 
-Problem problemOfLeaf(ValueType type, ByteView bytes) {
-    return Checker(bytes, {0, true}).leaf(type);
+Problem problemOfLeaf(ValueType type, ByteView bytes, bool* holdsNul) {
+    return Checker(bytes, {0, true}, holdsNul).leaf(type);
 }
 
 Problem problemOfField(ByteView bytes) {

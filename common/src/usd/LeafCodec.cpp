@@ -35,6 +35,7 @@
 #include <unordered_map>
 
 #include "usdlive/common/core/ByteStream.h"
+#include "usdlive/common/layer/FileRules.h"
 
 namespace usdlive::usd {
 
@@ -762,6 +763,8 @@ Result<Value> encodeLeaf(const VtValue& value, BlobSink& blobs) {
         return unsupported(value, ": " + valid.error().message);
     if (!readsBack(*codec, bytes))
         return unsupported(value, ": OpenUSD does not read back what it writes");
+    if (bytes.size() >= kBigValueBytes && holdsNul(codec->type, bytes))
+        return unsupported(value, ": a text in it holds a NUL, and no file keeps what comes after");
     if (bytes.size() < kBigValueBytes || !canBeBlob(codec->type))
         return Value(codec->type, std::move(bytes));
     const Hash hash = sha256(bytes);

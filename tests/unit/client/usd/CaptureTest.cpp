@@ -361,6 +361,21 @@ TEST_F(CaptureTest, AValueThatOpenUsdReadsDifferentlyIsReportedAndUndone) {
     expectSame();
 }
 
+TEST_F(CaptureTest, ED12ATextWithANulIsReportedAndUndoneAlone) {
+    const auto a = prim("A");
+    const auto s = pxr::SdfAttributeSpec::New(a, "s", pxr::SdfValueTypeNames->StringArray);
+    seal();
+    for (const std::size_t count : {std::size_t(1), std::size_t(100'000)}) {  // inline, and a blob
+        s->SetDefaultValue(pxr::VtValue(pxr::VtStringArray(count, std::string("a\0b", 3))));
+        a->SetComment("c" + std::to_string(count));
+        EXPECT_EQ(seal().size(), 1u);
+        ASSERT_EQ(lost.size(), 1u);
+        EXPECT_NE(lost[0].reason.message.find("holds a NUL"), std::string::npos);
+        EXPECT_FALSE(s->HasDefaultValue());
+    }
+    expectSame();
+}
+
 TEST_F(CaptureTest, ABigValueIsNamedByItsHash) {
     const auto p = pxr::SdfAttributeSpec::New(prim("A"), "p", pxr::SdfValueTypeNames->DoubleArray);
     p->SetDefaultValue(pxr::VtValue(pxr::VtArray<double>(100'000, 1.5)));

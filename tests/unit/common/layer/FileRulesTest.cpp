@@ -1,9 +1,10 @@
-// Tests the rules for content that a file can hold (ED8-ED11).
+// Tests the rules for content that a file can hold (ED8-ED12).
 #include "usdlive/common/layer/FileRules.h"
 
 #include <gtest/gtest.h>
 
 #include "RandomEdits.h"
+#include "usdlive/common/core/ByteStream.h"
 #include "usdlive/common/layer/TransactionExecutor.h"
 
 using namespace usdlive;
@@ -133,6 +134,49 @@ TEST_F(FileRules, ED10AFieldThatNoTextHoldsIsAbsent) {
     EXPECT_TRUE(becomes("apiSchemas", explicitly)) << "None is a list that is empty";
     EXPECT_FALSE(becomes("variantSelection", Map{ValueType::String, {}}));
     EXPECT_TRUE(becomes("customData", Dictionary{}));
+}
+
+TEST_F(FileRules, ED12NoTextHoldsANul) {
+    using namespace std::string_literals;
+    const auto refused = [&](FieldPart part, FieldValue value, ValueType form = ValueType::None) {
+        return isRefused({edit("/A", SetField{"customData", std::move(part), std::move(value), form})});
+    };
+    for (const bool hasNul : {false, true}) {
+        const std::string text = hasNul ? "a\0b"s : "a b"s;
+        const Value string = stringValue(text);
+        Bytes array, vector, unregistered;
+        appendNumber<std::uint64_t>(array, 2);
+        appendText(array, "before");
+        appendText(array, text);
+        appendNumber<std::uint32_t>(vector, 2);
+        appendText(vector, "before");
+        appendText(vector, text);
+        unregistered.push_back(0);
+        appendText(unregistered, text);
+        EXPECT_EQ(refused({}, string), hasNul);
+        EXPECT_EQ(refused({}, Value(arrayOf(ValueType::String), array)), hasNul);
+        EXPECT_EQ(refused({}, Value(ValueType::StringVector, vector)), hasNul);
+        EXPECT_EQ(refused({}, Value(ValueType::Unregistered, unregistered)), hasNul);
+        Dictionary inner, values, keys;
+        inner.entries["k"] = string;
+        values.entries["in"] = inner;
+        keys.entries[text] = kInt;
+        EXPECT_EQ(refused({}, values), hasNul);
+        EXPECT_EQ(refused({}, keys), hasNul);
+        EXPECT_EQ(refused(DictionaryKey{{"a", text}}, kInt), hasNul);
+        EXPECT_EQ(refused({}, TimeSamples{{{1.0, string}}}), hasNul);
+        EXPECT_EQ(refused(SampleTime{2.0}, string), hasNul);
+        EXPECT_EQ(refused({}, Map{ValueType::String, {{string, kInt}}}), hasNul);
+        EXPECT_EQ(refused(MapKey{stringValue("k")}, string, ValueType::String), hasNul);
+        EXPECT_EQ(refused(ListItem{ListName::Prepended, string, {}}, {}, ValueType::String), hasNul);
+        ListOp list{ValueType::String, false, {}};
+        list[ListName::Deleted].push_back(string);
+        EXPECT_EQ(refused({}, list), hasNul);
+    }
+    const Value kept = stringValue("a\0b"s);
+    LayerDoc old;
+    ASSERT_TRUE(old.apply("/A", CreateSpec{SpecKind::Prim}));
+    EXPECT_TRUE(old.apply("/A", SetField{"documentation", {}, kept, {}})) << "of an old commit";
 }
 
 TEST_F(FileRules, ED11ADictionaryHasTheTypesOfAttributes) {

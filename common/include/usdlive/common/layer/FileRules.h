@@ -10,7 +10,7 @@
 
 namespace usdlive {
 
-// ED8-ED11: the limits for authors, so that every layer can be saved and read back. Files and
+// ED8-ED12: the limits for authors, so that every layer can be saved and read back. Files and
 // histories may contain more.
 
 /// Returns the value type of an attribute's type name, or nothing for a name that Sdf does not
@@ -36,6 +36,12 @@ namespace usdlive {
 /// ED11: checks that a dictionary holds only values of types that attributes have. Error:
 /// InvalidValue.
 [[nodiscard]] Result<void> checkDictionary(const SetField& set);
+
+/// ED12: checks that no text or key of the edit holds a NUL. Does not see into blobs. Error:
+/// InvalidValue.
+[[nodiscard]] Result<void> checkTexts(const SetField& set);
+/// Returns true if a text or key in the bytes of a valid leaf holds a NUL.
+[[nodiscard]] bool holdsNul(ValueType type, ByteView bytes);
 
 /// ED10: returns true for content that the text format cannot write and that means the same as no
 /// field.
