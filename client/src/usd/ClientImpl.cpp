@@ -79,7 +79,7 @@ Client::Impl::~Impl() {
         const pxr::SdfChangeBlock block;
         frame_.seal(layers_.live(), session_);
         session_.endGesture();
-        session_.advance(kLastBudgetMs, steadyMs());
+        advance(kLastBudgetMs);
     }
     applyApart();
     const pxr::SdfChangeBlock block;
@@ -229,10 +229,21 @@ bool Client::Impl::exchange(double budgetMs, Seal seal) {
     else if (!frame_.sealWhenEncoded(live, session_))
         return false;
     line_.receive(session_);
-    const bool done = session_.advance(budgetMs, steadyMs());
+    const bool done = advance(budgetMs);
     if (session_.pendingTransactions() == 0) saveAgain(live, cache_, session_);
     values_.deliver(live);
     values_.requestMissing(session_);
+    return done;
+}
+
+bool Client::Impl::advance(double budgetMs) {
+    bool done = false;
+    {
+        const Raised advancing(advancing_);
+        done = session_.advance(budgetMs, steadyMs());
+    }
+    for (const LayerId& id : std::exchange(unplaced_, {}))
+        if (LiveLayer* live = layers_.find(id)) live->place();
     return done;
 }
 
@@ -409,7 +420,14 @@ void Client::Impl::reset(const LayerId& id, const LayerDoc& doc) {
 }
 
 void Client::Impl::apply(const LayerId& id, const std::string& path, const EditAction& action) {
-    if (LiveLayer* live = layers_.find(id)) live->apply(path, action);
+    LiveLayer* const live = layers_.find(id);
+    if (!live) return;
+    live->apply(path, action);
+    if (!std::holds_alternative<PlaceSpec>(action)) return;
+    if (advancing_)
+        unplaced_.insert(id);
+    else
+        live->place();
 }
 
 }  // namespace usdlive

@@ -6,6 +6,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -140,6 +141,8 @@ private:
 
     void work(double budgetMs, TickResult& result, Seal seal);
     bool exchange(double budgetMs, Seal seal);
+    /// Advances the session, and writes each list of children that it orders once.
+    bool advance(double budgetMs);
     void applyApart();
     void takeEvents(std::vector<client::Event> happened, TickResult& result);
     /// Returns false for events that the editor does not get, or not yet.
@@ -187,7 +190,9 @@ private:
     client::Answers answers_;
     std::vector<client::event::Joined> joined_;  // events for layers that are not filled yet
     bool ticking_ = false;
-    int gestures_ = 0;  // open ones, each inside the one before
+    bool advancing_ = false;
+    std::set<LayerId> unplaced_;  // layers with edits that wait for LiveLayer::place()
+    int gestures_ = 0;            // open ones, each inside the one before
 };
 
 }  // namespace usdlive

@@ -58,6 +58,7 @@ LiveLayer::LiveLayer(LayerId id, pxr::SdfLayerRefPtr layer, Surroundings surroun
 }
 
 LiveLayer::~LiveLayer() {
+    place();
     restore();
     while (hasApart()) {
         const pxr::SdfChangeBlock block;
@@ -173,6 +174,7 @@ void LiveLayer::fill() {
     setPermission(false, lockedByOther);
     if (!filled) surroundings_.report(filled.error());
     for (const auto& [path, action] : std::exchange(waiting_, {})) applyNow(path, action);
+    place();
     noteUses();
 }
 
@@ -188,6 +190,10 @@ void LiveLayer::applyNow(const std::string& path, const EditAction& action) {
         setApart(action);
     else
         write(path, action);
+}
+
+void LiveLayer::place() {
+    if (store_) store_->place();
 }
 
 void LiveLayer::setApart(const EditAction& action) {
@@ -212,7 +218,7 @@ void LiveLayer::applyApart() {
 }
 
 void LiveLayer::write(const std::string& path, const EditAction& action) {
-    const auto applied = store_->apply(path, action);
+    const auto applied = store_->applyUnplaced(path, action);
     noteNames(path, action);
     if (!applied && !layer_->IsMuted())
         surroundings_.report(

@@ -73,8 +73,11 @@ public:
     void arrived(const LayerDoc& snapshot);
     /// Replaces all content. Edits of apply() wait until it is built.
     void reset(const LayerDoc& doc);
-    /// Edits of `expressionVariables` and `subLayers` wait for applyApart().
+    /// Edits of `expressionVariables` and `subLayers` wait for applyApart(), and the order of
+    /// children for place().
     void apply(const std::string& path, const EditAction& action);
+    /// Gives children their order. Call it in the change block of apply().
+    void place();
     /// Returns whether edits wait for applyApart().
     [[nodiscard]] bool hasApart() const {
         return !variables_.empty() || !subLayers_.empty() || !steps_.empty();

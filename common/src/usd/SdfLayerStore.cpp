@@ -85,6 +85,7 @@ public:
         if (elements_.empty()) return rootStays();
         if (!delegate_.kind(path_)) return noSpec(text_);
         const SdfPath parent = parentOf(path_);
+        delegate_.place();
         delegate_.deleteBelow(path_);
         remove(parent, list(), nameOf(elements_));
         return {};
@@ -110,13 +111,9 @@ public:
     Result<void> operator()(const PlaceSpec& place) {
         if (elements_.empty()) return rootStays();
         if (!delegate_.kind(path_)) return noSpec(text_);
-        const SdfPath parent = parentOf(path_);
-        auto names = children(parent, list());
         const TfToken name = nameOf(elements_);
-        if (place.before == name.GetString()) return {};
-        std::erase(names, name);
-        names.insert(std::ranges::find(names, TfToken(place.before)), name);
-        delegate_.setChildren(parent, list(), names);
+        if (place.before != name.GetString())
+            delegate_.placeLater(parentOf(path_), list(), name, TfToken(place.before));
         return {};
     }
 
@@ -169,6 +166,7 @@ private:
 
     void append(const SdfPath& parent, ChildList list, const TfToken& name) {
         delegate_.added.insert(childOf(parent, list, name));
+        delegate_.appended(parent, list, name);
         if (delegate_.data().Has(parent, childrenField(list)))
             delegate_.PushChild(parent, childrenField(list), name);
         else
@@ -205,6 +203,7 @@ private:
         if (to == path_) return {};
         if (delegate_.kind(to))
             return fail(ErrorCode::SpecExists, "there is a spec at " + inQuotes(target));
+        delegate_.place();
         if (sameParent)
             rename(to, parent, name);
         else
@@ -396,11 +395,24 @@ SdfLayerStore::~SdfLayerStore() {
 const pxr::SdfLayerHandle& SdfLayerStore::layer() const { return delegate_->layer(); }
 
 Result<void> SdfLayerStore::apply(std::string_view path, const EditAction& action) {
+    const pxr::SdfChangeBlock block;
+    auto applied = applyUnplaced(path, action);
+    place();
+    return applied;
+}
+
+Result<void> SdfLayerStore::applyUnplaced(std::string_view path, const EditAction& action) {
     const auto elements = specpath::parse(path);
     if (!elements) return tl::unexpected(elements.error());
     const pxr::SdfChangeBlock block;
     const Delegate::Applying applying(*delegate_);
     return std::visit(Applier(*delegate_, path, *elements), action);
+}
+
+void SdfLayerStore::place() {
+    const pxr::SdfChangeBlock block;
+    const Delegate::Applying applying(*delegate_);
+    delegate_->place();
 }
 
 void SdfLayerStore::blobArrived(

@@ -7,6 +7,7 @@
 #include <pxr/usd/sdf/schema.h>
 
 #include <algorithm>
+#include <list>
 #include <unordered_set>
 
 #include "usdlive/common/usd/NamedAssets.h"
@@ -145,6 +146,45 @@ void SdfLayerStore::Delegate::setChildren(const Path& parent, ChildList list,
         between = before;
     if (between != before) SetField(parent, field, pxr::VtValue(between));
     SetField(parent, field, names.empty() ? pxr::VtValue() : pxr::VtValue(names));
+}
+
+void SdfLayerStore::Delegate::placeLater(const Path& parent, ChildList list, const Token& name,
+                                         const Token& before) {
+    auto [found, isFirst] = placements_.try_emplace({parent, list});
+    auto& [present, moves] = found->second;
+    if (isFirst) present = data().GetAs<pxr::TfTokenVector>(parent, childrenField(list)).size();
+    moves.emplace_back(name, before);
+}
+
+void SdfLayerStore::Delegate::appended(const Path& parent, ChildList list, const Token& name) {
+    if (placements_.empty()) return;
+    const auto found = placements_.find({parent, list});
+    if (found != placements_.end()) found->second.moves.emplace_back(name, Token());
+}
+
+void SdfLayerStore::Delegate::place() {
+    for (const auto& [where, placements] : std::exchange(placements_, {})) {
+        const auto& [parent, list] = where;
+        const auto names = data().GetAs<pxr::TfTokenVector>(parent, childrenField(list));
+        setChildren(parent, list, placements.order(names));
+    }
+}
+
+// Names that were appended since come in when they are first placed.
+pxr::TfTokenVector SdfLayerStore::Delegate::Placements::order(
+    const pxr::TfTokenVector& names) const {
+    std::list<Token> order;
+    std::unordered_map<Token, std::list<Token>::iterator, Token::HashFunctor> places;
+    const auto append = [&](const Token& name) { return order.insert(order.end(), name); };
+    for (std::size_t i = 0; i < std::min(present, names.size()); ++i)
+        places.emplace(names[i], append(names[i]));
+    for (const auto& [name, before] : moves) {
+        const auto [own, isNew] = places.try_emplace(name);
+        if (isNew) own->second = append(name);
+        const auto target = places.find(before);
+        order.splice(target == places.end() ? order.end() : target->second, order, own->second);
+    }
+    return {order.begin(), order.end()};
 }
 
 Result<void> SdfLayerStore::Delegate::set(const Path& path, const Token& field,

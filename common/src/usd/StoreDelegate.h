@@ -84,6 +84,15 @@ public:
     /// Writes the names of children. A stage composes the parent and everything below it again only
     /// if the order of children from before the change block has changed.
     void setChildren(const pxr::SdfPath& parent, ChildList list, const pxr::TfTokenVector& names);
+    /// Moves a child before the child `before`, or to the end if there is none, at the next
+    /// place().
+    void placeLater(const pxr::SdfPath& parent, ChildList list, const pxr::TfToken& name,
+                    const pxr::TfToken& before);
+    /// Notes that this child is about to be appended, which must come after earlier placements.
+    void appended(const pxr::SdfPath& parent, ChildList list, const pxr::TfToken& name);
+    /// Writes each list of children with placements once. Call it before children are deleted or
+    /// renamed.
+    void place();
     /// Sets the field, or remembers it if a blob is missing.
     Result<void> set(const pxr::SdfPath& path, const pxr::TfToken& field, const FieldValue& value);
 
@@ -140,6 +149,15 @@ private:
     void renewTargets(const Path& path, const TargetFields& fields, const pxr::VtValue& value);
     void onLayerChanged(const pxr::SdfNotice::LayersDidChangeSentPerLayer&) { added.clear(); }
 
+    // The placements in one list of children since it had the first `present` of its names.
+    struct Placements {
+        std::size_t present;
+        std::vector<std::pair<Token, Token>> moves;  // name, before
+
+        [[nodiscard]] pxr::TfTokenVector order(const pxr::TfTokenVector& names) const;
+    };
+
+    std::map<std::pair<Path, ChildList>, Placements> placements_;
     LayerWriteObserver* observer_;
     pxr::SdfLayerHandle layer_;
     pxr::TfNotice::Key changedKey_;

@@ -11,6 +11,7 @@
 #include <pxr/base/vt/array.h>
 #include <pxr/base/vt/value.h>
 #include <pxr/usd/sdf/attributeSpec.h>
+#include <pxr/usd/sdf/changeBlock.h>
 #include <pxr/usd/sdf/changeList.h>
 #include <pxr/usd/sdf/layer.h>
 #include <pxr/usd/sdf/layerOffset.h>
@@ -22,6 +23,8 @@
 #include <pxr/usd/sdf/schema.h>
 #include <pxr/usd/sdf/types.h>
 
+#include <algorithm>
+#include <ctime>
 #include <set>
 
 #include "MemoryBlobs.h"
@@ -227,6 +230,50 @@ TEST_F(SdfLayerStoreTest, RenamedVariantsAreReportedAsAddedAndRemoved) {
     apply("/A{v=}", MoveSpec{{"/A", {}}, "w"});
     EXPECT_TRUE(layer->HasSpec(SdfPath("/A{w=two}B")));
     EXPECT_FALSE(layer->HasSpec(SdfPath("/A{v=two}")));
+}
+
+TEST_F(SdfLayerStoreTest, PlacementsAreWrittenTogether) {
+    for (const char* path : {"/A", "/B", "/C"}) prim(path);
+    const auto add = [&](const std::string& path, const EditAction& action) {
+        EXPECT_TRUE(store.applyUnplaced(path, action)) << path;
+    };
+    const auto order = [&] {
+        return layer->GetFieldAs<TfTokenVector>(SdfPath("/"), SdfChildrenKeys->PrimChildren);
+    };
+    add("/C", PlaceSpec{"A"});
+    add("/A", PlaceSpec{"D"});  // there is none yet
+    add("/D", CreateSpec{SpecKind::Prim});
+    add("/B", PlaceSpec{"D"});
+    EXPECT_THAT(order(), ElementsAre("A", "B", "C", "D"));
+    store.place();
+    EXPECT_THAT(order(), ElementsAre("C", "A", "B", "D"));
+    add("/D", PlaceSpec{"C"});
+    add("/A", MoveSpec{{"/", {}}, "E"});
+    EXPECT_THAT(order(), ElementsAre("D", "C", "E", "B"));
+    add("/B", PlaceSpec{"D"});
+    add("/D", DeleteSpec{});
+    EXPECT_THAT(order(), ElementsAre("B", "C", "E"));
+}
+
+TEST_F(SdfLayerStoreTest, ManyPlacementsTakeLinearTime) {
+    const auto reverse = [&](const std::string& parent, int number) {
+        const SdfChangeBlock block;
+        prim(parent);
+        const auto child = [&](int i) { return "c" + std::to_string(i); };
+        for (int i = 0; i < number; ++i) prim(parent + "/" + child(i));
+        const auto start = std::clock();
+        for (int i = 1; i < number; ++i)
+            EXPECT_TRUE(
+                store.applyUnplaced(parent + "/" + child(i), PlaceSpec{child(i - 1)}).has_value());
+        store.place();
+        return double(std::clock() - start);
+    };
+    double ratio = 100;  // the best of some, because the machine may be busy
+    for (int i = 0; i < 5; ++i) {
+        const std::string name = "/P" + std::to_string(i);
+        ratio = std::min(ratio, reverse(name + "b", 8'000) / reverse(name + "a", 4'000));
+    }
+    EXPECT_LT(ratio, 3);
 }
 
 TEST_F(SdfLayerStoreTest, V9FieldsWaitForTheirBlobs) {

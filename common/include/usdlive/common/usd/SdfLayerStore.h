@@ -67,6 +67,10 @@ public:
     /// as it is until blobArrived(). Errors are those of LayerDoc::apply(), and InvalidPath or
     /// UnsupportedValue for content that this OpenUSD does not support. An error changes nothing.
     Result<void> apply(std::string_view path, const EditAction& action);
+    /// Like apply(), but a PlaceSpec may wait for place(), so that many of them in one list take
+    /// linear time. Call place() before the layer is used otherwise, in the same change block.
+    Result<void> applyUnplaced(std::string_view path, const EditAction& action);
+    void place();
 
     /// Sets the fields that waited for this blob and still need it. `current` returns the field's
     /// present content in the model.
