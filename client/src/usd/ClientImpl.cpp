@@ -141,6 +141,7 @@ void Client::Impl::work(double budgetMs, TickResult& result, Seal seal) {
         const pxr::SdfChangeBlock block;
         result.more = !exchange(left(), seal) || result.more;
         result.filling = layers_.fill(left());
+        layers_.showInViews();
         late_.add(layers_.takeFilledClips());
         values_.requestMissing(session_);
         happened = session_.takeEvents();

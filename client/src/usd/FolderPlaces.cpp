@@ -19,7 +19,8 @@ namespace {
 
 std::optional<LayerId> layerIn(const fs::path& folder, const std::string& path) {
     if (path.empty() || path.front() != '/') return std::nullopt;
-    const std::string normal = fs::path(path).lexically_normal().string();
+    const std::string file = pxr::SdfLayer::SplitIdentifier(path).first;
+    const std::string normal = fs::path(file).lexically_normal().string();
     const std::string prefix = folder.string() + "/";
     if (!normal.starts_with(prefix)) return std::nullopt;
     const auto id = parseLayerId(std::string_view(normal).substr(prefix.size()));
@@ -70,7 +71,8 @@ std::string CacheFolderPlaces::identifierOf(const LayerId& layer) const {
 std::optional<LayerId> CacheFolderPlaces::layerAt(const std::string& identifier) const {
     if (base_.empty()) return FolderPlaces::layerAt(identifier);
     if (!identifier.starts_with(base_)) return std::nullopt;
-    const auto path = percentDecoded(std::string_view(identifier).substr(base_.size()));
+    const std::string file = pxr::SdfLayer::SplitIdentifier(identifier).first;
+    const auto path = percentDecoded(std::string_view(file).substr(base_.size()));
     if (!path) return std::nullopt;
     const auto id = parseLayerId(*path);
     return id ? std::optional(*id) : std::nullopt;

@@ -108,6 +108,7 @@ public:
     void restore();
 
     void blobArrived(const Hash& hash);
+    [[nodiscard]] bool waitsForBlobs() const { return store_ && store_->waitsForBlobs(); }
     [[nodiscard]] bool waitsFor(const Hash& hash) const { return store_ && store_->waitsFor(hash); }
 
     /// Returns false if the layer certainly names no other layers, or no value clips. Finding the

@@ -29,9 +29,10 @@ constexpr std::int64_t kFirstPauseMs = 1'000, kLongestPauseMs = 8'000;
 }  // namespace
 
 OpenLayers::OpenLayers(Surroundings surroundings)
-    : with_(std::move(surroundings)), clips_(with_.places, with_.files, [this](const LayerId& id) {
-          return isOfProject(id) && !find(id);
-      }) {}
+    : with_(std::move(surroundings)),
+      clips_(with_.places, with_.files,
+             [this](const LayerId& id) { return isOfProject(id) && !find(id); }),
+      views_(live_, with_.values.source()) {}
 
 std::optional<LayerId> OpenLayers::idOf(const pxr::SdfLayerHandle& layer) const {
     const LiveLayer* live = live_.find(layer);
@@ -109,10 +110,13 @@ const std::vector<LayerId>& OpenLayers::openUsed(LiveLayer& live, LoadSet load) 
         if (const auto made = with_.places.makeFindable(id); !made)
             with_.events.report(made.error());
         clips_.opens(id);
-        if (!find(id) && !failed_.contains(id) && !isAwaited(id) && !closed_.contains(id))
-            if (auto used = pxr::SdfLayer::FindOrOpen(identifier))
+        const std::string file = pxr::SdfLayer::SplitIdentifier(identifier).first;
+        if (mayJoin(id))
+            if (auto used = pxr::SdfLayer::FindOrOpen(file))
                 if (const auto joined = join(id, used); !joined)
                     with_.events.push(event::JoinFailed{id, joined.error()});
+        if (file != identifier)
+            if (const auto view = pxr::SdfLayer::FindOrOpen(identifier)) adoptView(view);
         if (find(id)) opened.push_back(id);
     }
     Used& used = used_[live.id()];
@@ -206,11 +210,12 @@ void OpenLayers::openNamed(const pxr::SdfLayerHandle& layer, const std::set<std:
         if (!with_.files.mayWait()) return;
         const auto identifier = pxr::SdfComputeAssetPathRelativeToLayer(layer, asset);
         const auto id = with_.places.layerAt(identifier);
-        if (!id || !isOfProject(*id) || find(*id) || failed_.contains(*id) || isAwaited(*id) ||
-            closed_.contains(*id) || clips_.contains(*id) || pxr::SdfLayer::Find(identifier))
+        const std::string file = pxr::SdfLayer::SplitIdentifier(identifier).first;
+        if (!id || !isOfProject(*id) || !mayJoin(*id) || clips_.contains(*id) ||
+            pxr::SdfLayer::Find(file))
             continue;
         static_cast<void>(with_.places.makeFindable(*id));
-        const auto named = with_.files.openWithContent(id->value, identifier);
+        const auto named = with_.files.openWithContent(id->value, file);
         if (!named || !join(*id, named)) continue;
         openNamed(named, usedAssets(named, LoadSet::All));
     }
@@ -269,8 +274,23 @@ void OpenLayers::adoptAllLoaded() {
         if (layer) adopt(pxr::SdfLayerRefPtr(layer));
 }
 
+bool OpenLayers::mayJoin(const LayerId& id) const {
+    return !find(id) && !failed_.contains(id) && !isAwaited(id) && !closed_.contains(id);
+}
+
+bool OpenLayers::adoptView(const pxr::SdfLayerRefPtr& layer) {
+    if (layer->GetFileFormatArguments().empty() || !with_.places.isPlaceholder(layer)) return false;
+    const auto id = with_.places.layerOf(layer);
+    if (!id || !isOfProject(*id)) return false;
+    const auto file = pxr::SdfLayer::SplitIdentifier(layer->GetIdentifier()).first;
+    if (mayJoin(*id))
+        if (const auto shown = pxr::SdfLayer::FindOrOpen(file)) static_cast<void>(join(*id, shown));
+    views_.add(*id, layer);
+    return true;
+}
+
 void OpenLayers::adopt(const pxr::SdfLayerRefPtr& layer) {
-    if (live_.find(layer) || layer->IsAnonymous()) return;
+    if (live_.find(layer) || layer->IsAnonymous() || adoptView(layer)) return;
     const auto id = layerOf(layer);
     if (!id || failed_.contains(*id) || isAwaited(*id) || closed_.contains(*id))
         refuseEdits(layer);

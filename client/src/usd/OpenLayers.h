@@ -16,6 +16,7 @@
 #include "usd/ClipFiles.h"
 #include "usd/EditorEvents.h"
 #include "usd/LayerPlaces.h"
+#include "usd/LayerViews.h"
 #include "usd/LiveSet.h"
 #include "usd/LoadedLayers.h"
 #include "usd/LostWorkReports.h"
@@ -97,6 +98,9 @@ public:
     /// Returns the live layers of value clips that were filled since the last call. OpenUSD may
     /// have read them when they were empty.
     [[nodiscard]] std::vector<LayerId> takeFilledClips() { return std::exchange(filledClips_, {}); }
+    /// Shows the changes of live layers in the layers that OpenUSD has opened once more for file
+    /// format arguments.
+    void showInViews() { views_.follow(); }
     /// Makes layers findable that edits of this tick name, because composition opens them at the
     /// end of the change block. Those that value clips name are found as files.
     void makeNamedFindable();
@@ -112,6 +116,9 @@ private:
     [[nodiscard]] std::optional<LayerId> nameOf(const pxr::SdfLayerHandle& layer) const;
     void openNamed(const pxr::SdfLayerHandle& layer, const std::set<std::string>& assets);
     void adopt(const pxr::SdfLayerRefPtr& layer);
+    /// Makes the layer of the file live, which `layer` shows. Returns false if it shows none.
+    bool adoptView(const pxr::SdfLayerRefPtr& layer);
+    [[nodiscard]] bool mayJoin(const LayerId& id) const;
     void refuseEdits(const pxr::SdfLayerHandle& layer) const;
     void joinAwaited(std::int64_t nowMs);
 
@@ -119,6 +126,7 @@ private:
     std::vector<LayerId> ofProject_;
     LiveSet live_;
     ClipFiles clips_;
+    LayerViews views_;
     std::vector<LayerId> filledClips_;
     LoadedLayers loaded_;
     struct Used {

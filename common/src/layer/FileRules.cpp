@@ -240,9 +240,7 @@ const std::string* misplacedIn(const Dictionary& dictionary) {
 bool hasNul(std::string_view text) { return text.find('\0') != std::string_view::npos; }
 
 // Returns true if a text or key in the content of a field holds a NUL.
-bool hasNul(const Value& value) {
-    return !value.isBlob() && holdsNul(value.type(), value.bytes());
-}
+bool hasNul(const Value& value) { return !value.isBlob() && holdsNul(value.type(), value.bytes()); }
 bool hasNul(const Dictionary& dictionary) {
     return std::ranges::any_of(dictionary.entries, [](const auto& entry) {
         return hasNul(entry.first) ||
@@ -259,9 +257,8 @@ bool hasNul(const ListOp& list) {
     });
 }
 bool hasNul(const Map& map) {
-    return std::ranges::any_of(map.entries, [](const auto& entry) {
-        return hasNul(entry.first) || hasNul(entry.second);
-    });
+    return std::ranges::any_of(
+        map.entries, [](const auto& entry) { return hasNul(entry.first) || hasNul(entry.second); });
 }
 
 bool hasNul(std::monostate) { return false; }
@@ -287,9 +284,8 @@ Result<void> checkTexts(const SetField& set) {
     if (!set.value.visit([](const auto& content) { return hasNul(content); }) &&
         !std::visit([](const auto& part) { return hasNul(part); }, set.part))
         return {};
-    return fail(ErrorCode::InvalidValue,
-                "a text in " + inQuotes(set.field) +
-                    " holds a NUL, and no file keeps what comes after it");
+    return fail(ErrorCode::InvalidValue, "a text in " + inQuotes(set.field) +
+                                             " holds a NUL, and no file keeps what comes after it");
 }
 
 Result<void> checkDictionary(const SetField& set) {

@@ -139,7 +139,8 @@ TEST_F(FileRules, ED10AFieldThatNoTextHoldsIsAbsent) {
 TEST_F(FileRules, ED12NoTextHoldsANul) {
     using namespace std::string_literals;
     const auto refused = [&](FieldPart part, FieldValue value, ValueType form = ValueType::None) {
-        return isRefused({edit("/A", SetField{"customData", std::move(part), std::move(value), form})});
+        return isRefused(
+            {edit("/A", SetField{"customData", std::move(part), std::move(value), form})});
     };
     for (const bool hasNul : {false, true}) {
         const std::string text = hasNul ? "a\0b"s : "a b"s;
@@ -168,7 +169,8 @@ TEST_F(FileRules, ED12NoTextHoldsANul) {
         EXPECT_EQ(refused(SampleTime{2.0}, string), hasNul);
         EXPECT_EQ(refused({}, Map{ValueType::String, {{string, kInt}}}), hasNul);
         EXPECT_EQ(refused(MapKey{stringValue("k")}, string, ValueType::String), hasNul);
-        EXPECT_EQ(refused(ListItem{ListName::Prepended, string, {}}, {}, ValueType::String), hasNul);
+        EXPECT_EQ(refused(ListItem{ListName::Prepended, string, {}}, {}, ValueType::String),
+                  hasNul);
         ListOp list{ValueType::String, false, {}};
         list[ListName::Deleted].push_back(string);
         EXPECT_EQ(refused({}, list), hasNul);
