@@ -3,6 +3,7 @@
 import logging
 import os
 import random
+import shutil
 import sys
 import types
 
@@ -12,8 +13,8 @@ from pxr import Sdf, Usd, UsdGeom
 
 from usdlive.omni import usd as omni_usd
 from usdlive.omni._registers import Recorder, make_like
-from usdlive.omni.kit import commands, undo
-from usdlive.omni.kit.usd.layers import LayerUtils, get_layers
+from usdlive.omni.kit import app, commands, undo
+from usdlive.omni.kit.usd.layers import LayerEditMode, LayerUtils, get_layers
 
 ROOT = """#usda 1.0
 (
@@ -121,7 +122,9 @@ def refused(caplog, name, said, **arguments):
 
 
 def texts(stage):
-    return {layer.identifier: layer.ExportToString() for layer in stage.GetLayerStack()}
+    """The layers' content, without the delegate of auto authoring, which mirrors it."""
+    return {layer.identifier: layer.ExportToString() for layer in stage.GetLayerStack()
+            if "__DELTA_LAYER__" not in layer.identifier}
 
 
 def composed(stage):
@@ -197,7 +200,7 @@ def registered():
 
 
 def test_a_module_is_registered_and_unregistered(registered, ctx, caplog):
-    assert {c.__name__ for c in registered} == {"SetComment", "FailingCommand"}
+    assert {c.__name__ for c in registered} == {"SetComment", "FailingCommand", "EditCommand"}
     assert commands.get_command_class("Failing") is FailingCommand
     assert commands.get_command_class("FailingCommand") is FailingCommand
     assert run("SetComment", text="a") == "a"
@@ -1070,3 +1073,171 @@ def test_a_live_layer_gets_a_new_layer_that_everybody_has(live, caplog, tmp_path
     refused(caplog, "CreateSublayer", "cannot be created", new_layer_path=str(tmp_path.parent / "own.usda"), **arguments)
     assert undo.undo("test") and "new.usda" not in synced(context, ada)["root.usda"]
     assert undo.redo("test") and "@./fx/new.usda@" in synced(context, ada)["root.usda"]
+
+
+# -- commands in the modes that distribute edits
+
+
+class EditCommand(commands.RecordedCommand):
+    """Makes seeded edits through the stage, wherever the edit target is. All modes give the same composed stage."""
+
+    def __init__(self, seed, usd_context=""):
+        super().__init__(usd_context)
+        self.seed = seed
+
+    def edit(self, recorder):
+        dice, stage = random.Random(self.seed), self.stage
+        recorder.touch(stage.GetEditTarget().GetLayer(), deep=True)
+        for _ in range(dice.randint(1, 8)):
+            self.change(stage, dice)
+
+    @staticmethod
+    def change(stage, dice):
+        own = stage.DefinePrim(f"/World/Box/{dice.choice('ABC')}", "Xform")
+        ball, number = stage.GetPrimAtPath("/World/Ball"), dice.random()
+        action = dice.randrange(9)
+        if action == 0:
+            ball.GetAttribute("mass").Set(number)  # from a reference of a weak layer
+        elif action == 1:
+            ball.SetCustomDataByKey(dice.choice(["weak", "new:key"]), number)
+        elif action == 2:
+            stage.GetPrimAtPath("/World/Below").SetActive(dice.random() < 0.5)
+        elif action == 3:
+            stage.GetPrimAtPath("/World/Cone").CreateAttribute("own", Sdf.ValueTypeNames.Double).Set(number)
+        elif action == 4:
+            stage.RemovePrim(f"/World/Box/{dice.choice(['Old', 'Older'])}")
+        elif action == 5:
+            own.CreateAttribute("a", Sdf.ValueTypeNames.Double).Set(number, dice.randint(0, 3))
+        elif action == 6:
+            own.CreateRelationship("r").SetTargets([f"/World/{dice.choice(['Ball', 'Cone'])}"])
+        elif action == 7:
+            own.RemoveProperty("a")
+        else:
+            ball.GetAttribute("library").Set(f"{number}.mdl")
+
+
+@pytest.fixture
+def edits():
+    commands.register(EditCommand)
+    yield
+    commands.unregister(EditCommand)
+
+
+def in_mode(context, mode):
+    """Opens the context's root layer as if it were shared, in the edit mode."""
+    context.is_live_layer = lambda layer: True
+    for name in ("Old", "Older"):
+        context.get_stage().DefinePrim(f"/World/Box/{name}/Below").CreateAttribute("a", Sdf.ValueTypeNames.Int).Set(1)
+    get_layers(context).set_edit_mode(mode)
+    return context.get_stage()
+
+
+def change_as_a_colleague(stage, dice):
+    """Writes to the root layer, as a live client does: into what the command has edited, and beside it."""
+    root = stage.GetRootLayer()
+    names = [path for path in ("/World", "/World/Box", "/World/Ball", "/World/Box/A", "/World/Box/B",
+                                 "/World/Box/Old/Below")
+             if stage.GetPrimAtPath(path)]
+    for path in dice.sample(names, 2):
+        spec = Sdf.CreatePrimInLayer(root, path)
+        attribute = spec.attributes.get("hers") or Sdf.AttributeSpec(spec, "hers", Sdf.ValueTypeNames.Double)
+        attribute.default = dice.random()
+        Sdf.CreatePrimInLayer(root, f"{path}/Hers").specifier = Sdf.SpecifierDef
+
+
+def steps_of(context, mode, seed):
+    """Returns the composed stage after each step: do, undo and redo, with a colleague in between."""
+    stage, dice, seen = in_mode(context, mode), random.Random(seed), []
+
+    def step(succeeded):
+        assert succeeded
+        app.get_app().update()
+        seen.append(composed(stage))
+
+    before = texts(stage)
+    for _ in range(2):
+        step(commands.execute("Edit", seed=seed, usd_context=context)[0])
+        step(undo.undo(context))
+        assert texts(stage) == before
+    for _ in range(2):
+        step(undo.redo(context) if undo.can_redo(context) else
+             commands.execute("Edit", seed=seed, usd_context=context)[0])
+        change_as_a_colleague(stage, dice)
+        step(undo.undo(context))
+    return seen
+
+
+@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("mode", [LayerEditMode.AUTO_AUTHORING, LayerEditMode.SPECS_LINKING])
+def test_any_command_is_undone_as_in_the_normal_mode(mode, seed, folder, tmp_path_factory, edits):
+    copy = tmp_path_factory.mktemp("copy")
+    shutil.copytree(folder, copy, dirs_exist_ok=True)
+    seen = []
+    for place, one in ((folder, LayerEditMode.NORMAL), (copy, mode)):
+        context = omni_usd.create_context(one.name)
+        assert context.open_stage(str(place / "root.usda"))
+        seen.append(steps_of(context, one, seed))
+        omni_usd.destroy_context(one.name)
+    for step, (found, normal) in enumerate(zip(seen[1], seen[0])):
+        plain = {path: str(value).replace(str(copy), str(folder)) for path, value in found.items()}
+        assert plain == {path: str(value) for path, value in normal.items()}, step
+
+
+@pytest.mark.parametrize("suspended", [False, True])
+def test_opinions_of_several_layers_and_of_commands_within_a_command_are_undone(ctx, stage, layer, suspended):
+    values = {"/World/Ball.radius": 7.0, "/World/Ball.mass": 8.0, "/World/Below.a": Sdf.AssetPath("./y.png")}
+
+    class SetValueCommand(commands.RecordedCommand):
+        def __init__(self, paths, usd_context=""):
+            super().__init__(usd_context)
+            self.paths = paths
+
+        def edit(self, recorder):
+            recorder.touch(self.stage.GetEditTarget().GetLayer(), self.paths[0])
+            self.stage.GetAttributeAtPath(self.paths[0]).Set(values[self.paths[0]])
+            if self.paths[1:]:
+                run("SetValue", paths=self.paths[1:])
+
+    get_layers(ctx).set_edit_mode(LayerEditMode.AUTO_AUTHORING)
+    if suspended:
+        get_layers(ctx).get_auto_authoring().suspend()
+    commands.register(SetValueCommand)
+    with Undone(stage):
+        run("SetValue", paths=list(values))
+        assert layer("root").GetAttributeAtPath("/World/Ball.radius").default == 7
+        assert layer("root").GetAttributeAtPath("/World/Ball.mass").default == 8
+        assert layer("deep/below").GetAttributeAtPath("/World/Below.a").default == values["/World/Below.a"]
+    assert stage.GetAttributeAtPath("/World/Ball.radius").Get() == 1
+    commands.unregister(SetValueCommand)
+
+
+@pytest.mark.parametrize("destructive", [True, False])
+def test_move_a_prim_in_auto_authoring(ctx, stage, layer, destructive):
+    UsdGeom.Xformable(stage.DefinePrim("/Group", "Xform")).AddTranslateOp().Set((1, 2, 3))
+    get_layers(ctx).set_edit_mode(LayerEditMode.AUTO_AUTHORING)
+    with Undone(stage):
+        assert move(path_from="/World/Ball", path_to="/Group/Ball", destructive=destructive)
+        world = UsdGeom.XformCache().GetLocalToWorldTransform(stage.GetPrimAtPath("/Group/Ball"))
+        assert world.ExtractTranslation() == (0, 0, 0)
+    assert stage.GetPrimAtPath("/Group") and stage.GetPrimAtPath("/World/Ball").IsActive()
+
+
+def test_a_live_prim_is_moved_back_in_auto_authoring_with_edits_of_others(live):
+    context, ada = live
+    stage = context.get_stage()
+    UsdGeom.Xformable(stage.DefinePrim("/Group", "Xform")).AddTranslateOp().Set((1, 2, 3))
+    get_layers(context).set_edit_mode(LayerEditMode.AUTO_AUTHORING)
+    before = synced(context, ada)
+    for again in (lambda: move(path_from="/World/Ball", path_to="/Group/Ball"), lambda: undo.redo("test")):
+        assert again()
+        moved = synced(context, ada)
+        assert undo.undo("test") and synced(context, ada) == before
+    assert undo.redo("test") and synced(context, ada) == moved
+    ada.run("stage.DefinePrim('/Group/Hers')\n"
+            "stage.GetPrimAtPath('/Group').CreateAttribute('hers', Sdf.ValueTypeNames.Int).Set(1)")
+    synced(context, ada)
+    result = undo.undo("test")
+    assert result and not result.kept
+    synced(context, ada)
+    assert stage.GetPrimAtPath("/Group/Hers") and stage.GetAttributeAtPath("/Group.hers").Get() == 1
+    assert stage.GetAttributeAtPath("/World/Ball.radius").Get() == 1 and not stage.GetPrimAtPath("/Group/Ball")

@@ -15,6 +15,7 @@
 #include <utility>
 
 #include "usd/layers/OmniLayerData.h"
+#include "usdlive/client/usd/content/Recorder.h"
 #include "usdlive/client/usd/layers/LayerUtils.h"
 #include "usdlive/client/usd/layers/Layers.h"
 
@@ -551,7 +552,11 @@ void bindLayers(nb::module_& module) {
             "update", [](P& self, double nowMs) { self.noted(self.layers().update(nowMs)); },
             released)
         .def(
-            "distribute", [](P& self) { self.noted(self.layers().distribute()); }, released)
+            "distribute",
+            [](P& self, content::Recorder* recorder) {
+                self.noted(self.layers().distribute(recorder));
+            },
+            nb::arg("recorder").none(), released)
         .def("take_events", &P::takeEvents)
         .def("last_error", &P::lastError)
         .def("edit_mode", [](P& self) { return int(self.layers().editMode()); })

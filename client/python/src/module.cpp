@@ -439,7 +439,7 @@ NB_MODULE(_usdlive, module) {
     forEachRequest(
         [&](const auto& request) { requests.append(toPython(std::string(request.kType))); });
     module.attr("REQUESTS") = nb::tuple(requests);
-    bindLayers(module);
     bindContent(module);
+    bindLayers(module);
     bindNamespace(module);
 }

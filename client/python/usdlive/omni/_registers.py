@@ -72,16 +72,16 @@ class Recorder:
     """Records edits. Call `touch()` before you write. The cost grows with the content of the touched parts."""
 
     def __init__(self) -> None:
-        self._recorder = _content.Recorder()
+        self.native = _content.Recorder()
 
     def touch(self, layer: Sdf.Layer, path: PathLike = "/", deep: bool = False) -> None:
         """Remembers the fields of the spec at `path`, also if it is absent; with `deep` also everything below."""
-        self._recorder.touch(layer.identifier, str(path), deep)
+        self.native.touch(layer.identifier, str(path), deep)
 
     def touch_with_ancestors(self, layer: Sdf.Layer, path: PathLike) -> None:
         """Remembers everything from the first missing ancestor of `path` on, for a spec that will be created
         with its ancestors."""
-        self._recorder.touch_with_ancestors(layer.identifier, str(path))
+        self.native.touch_with_ancestors(layer.identifier, str(path))
 
     def finish(self) -> Record:
-        return Record(self._recorder.finish())
+        return Record(self.native.finish())

@@ -28,12 +28,9 @@ using pxr::VtValue;
 class LayerScope {
 public:
     LayerScope(SdfLayerRefPtr layer, SdfPath root, bool deep);
+    /// Returns the content of the same scope now.
+    [[nodiscard]] LayerScope now() const;
 
-    /// Returns true if it includes the content that a scope of `path` would have.
-    [[nodiscard]] bool covers(const SdfLayerHandle& layer, const SdfPath& path, bool deep) const {
-        if (SdfLayerHandle(this->layer) != layer) return false;
-        return (root == path && this->deep >= deep) || (this->deep && path.HasPrefix(root));
-    }
     [[nodiscard]] bool has(const SdfPath& path) const { return fields.contains(path); }
     /// Copies the specs themselves, for those that will be deleted.
     void keepSpecs();
@@ -60,10 +57,18 @@ LayerScope::LayerScope(SdfLayerRefPtr of, SdfPath at, bool isDeep)
         fields.emplace(path, readFields(layer, path));
         if (!path.IsPropertyPath()) keepOrder(path);
     }
-    if (root != SdfPath::AbsoluteRootPath()) keepOrder(root.GetParentPath());
+}
+
+LayerScope LayerScope::now() const {
+    LayerScope scope(layer, root, deep);
+    for (const auto& [parent, names] : order) scope.keepOrder(parent);
+    return scope;
 }
 
 void LayerScope::keepSpecs() {
+    // A prim that will be deleted is restored to its place. Others do not change the order of their
+    // siblings, and copying it for each of many siblings would be superlinear.
+    if (deep && root.IsPrimPath() && has(root)) keepOrder(root.GetParentPath());
     specs = pxr::SdfLayer::CreateAnonymous(".usda");
     if (!deep) return;
     if (root == SdfPath::AbsoluteRootPath()) {
@@ -247,11 +252,26 @@ Recorder::~Recorder() = default;
 Recorder::Recorder(Recorder&&) noexcept = default;
 
 void Recorder::touch(const SdfLayerHandle& layer, const SdfPath& path, bool deep) {
-    const bool isKnown = std::ranges::any_of(
-        scopes_, [&](const LayerScope& scope) { return scope.covers(layer, path, deep); });
-    if (isKnown) return;
+    if (isTouched(layer, path, deep)) return;
+    touched_[layer][path] = deep;
     scopes_.emplace_back(layer, path, deep);
     scopes_.back().keepSpecs();
+}
+
+bool Recorder::isTouched(const SdfLayerHandle& layer, const SdfPath& path, bool deep) const {
+    const auto touched = touched_.find(layer);
+    if (touched == touched_.end()) return false;
+    for (SdfPath at = path; !at.IsEmpty(); at = at.GetParentPath()) {
+        const auto found = touched->second.find(at);
+        if (found != touched->second.end() && (found->second || (at == path && !deep))) return true;
+    }
+    return false;
+}
+
+void Recorder::forget(const SdfLayerHandle& layer) {
+    touched_.erase(layer);
+    std::erase_if(scopes_,
+                  [&](const LayerScope& scope) { return SdfLayerHandle(scope.layer) == layer; });
 }
 
 void Recorder::touchWithAncestors(const SdfLayerHandle& layer, const SdfPath& path) {
@@ -263,11 +283,12 @@ void Recorder::touchWithAncestors(const SdfLayerHandle& layer, const SdfPath& pa
 Record Recorder::finish() {
     std::vector<ScopeDifference> differences;
     for (LayerScope& before : scopes_) {
-        LayerScope after(before.layer, before.root, before.deep);
+        LayerScope after = before.now();
         ScopeDifference difference(std::move(before), std::move(after));
         if (!difference.isEmpty()) differences.push_back(std::move(difference));
     }
     scopes_.clear();
+    touched_.clear();
     return Record(std::move(differences));
 }
 

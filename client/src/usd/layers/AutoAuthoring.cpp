@@ -132,14 +132,15 @@ void AutoAuthoring::layerChanged(const SdfLayerHandle& layer, const pxr::SdfChan
     }
 }
 
-std::vector<RefusedEdit> AutoAuthoring::update() {
+std::vector<RefusedEdit> AutoAuthoring::update(content::Recorder* recorder) {
     if (!delegate_ || suspended_) return {};
+    if (recorder) recorder->forget(delegate_);
     if (writes_->empty() && stale_.empty() && !structureChanged_) return {};
     const auto stale = std::exchange(stale_, {});
     const auto taken = writes_->take();
     const DelegateWrites::Ignoring ignoring(*writes_);
     const SdfLayerHandle target = pxr::SdfLayer::Find(defaultLayer());
-    Distribution distribution(context_.stack, delegate_, target, rules_);
+    Distribution distribution(context_.stack, delegate_, target, rules_, recorder);
     auto refused = distribution.distribute(taken);
     for (const auto& [path, below] : stale) distribution.refresh(path, below);
     if (std::exchange(structureChanged_, false)) {

@@ -101,8 +101,9 @@ bool containsTarget(const SdfPath& path) { return path.ContainsTargetPath(); }
 }  // namespace
 
 Distribution::Distribution(LocalStack& stack, const SdfLayerHandle& delegate,
-                           const SdfLayerHandle& defaultLayer, DistributionRules& rules)
-    : stack_(stack), delegate_(delegate), rules_(rules) {
+                           const SdfLayerHandle& defaultLayer, DistributionRules& rules,
+                           content::Recorder* recorder)
+    : stack_(stack), delegate_(delegate), rules_(rules), recorder_(recorder) {
     const auto* own = stack.find(delegate);
     const pxr::SdfLayerOffset toStack = own ? own->toStack : pxr::SdfLayerOffset();
     for (const auto& [layer, offset, ofSession] : stack.layers()) {
@@ -143,6 +144,7 @@ void Distribution::remove(const SdfPath& path) {
     if (!path.IsPropertyPath()) return removePrim(path, all);
     if (all.front()->closed)
         return refuse(path, "", all.front()->layer->GetIdentifier(), *all.front()->closed);
+    record(all.front()->layer, path, true);
     removeSpec(all.front()->layer, path);
     refresh(path, true);
 }
@@ -151,7 +153,10 @@ void Distribution::removePrim(const SdfPath& path, const Holders& holders) {
     for (const Target* target : holders)
         if (target->closed)
             return refuse(path, "", target->layer->GetIdentifier(), *target->closed);
-    for (const Target* target : holders) removeSpec(target->layer, path);
+    for (const Target* target : holders) {
+        record(target->layer, path, true);
+        removeSpec(target->layer, path);
+    }
 }
 
 // Usd.NamespaceEditor has moved the spec in all layers already. A direct rename of the delegate's
@@ -166,7 +171,10 @@ void Distribution::move(const SdfPath& from, const SdfPath& to) {
         if (delegate_->HasSpec(to)) moveSpec(delegate_, to, from);
         return refuse(from, "", target->layer->GetIdentifier(), *why);
     }
-    for (const Target* target : moving) moveSpec(target->layer, from, to);
+    for (const Target* target : moving) {
+        for (const SdfPath& path : {from, to}) record(target->layer, path, true);
+        moveSpec(target->layer, from, to);
+    }
 }
 
 // ------------------------------------------------------------------ finding the layer
@@ -278,6 +286,7 @@ void Distribution::planLinks(const Spec& spec, const std::vector<SdfLayerHandle>
 void Distribution::carryOut(const Planned& planned) {
     const auto& [spec, field, key, place] = planned;
     if (place.target->closed) return refuse(*spec, *field, *place.target);
+    record(place.target->layer, place.path);
     if (!key.IsEmpty()) return writeKey(planned);
     write(place, *spec, *field);
     if (!linked_.contains(spec)) updateMirror(place, spec->path, field->name);
@@ -301,6 +310,14 @@ bool Distribution::isRedundant(const Spec& spec, const Field& field, const Holde
         if (target->layer->HasField(spec.path, name))
             return target->layer->GetField(spec.path, name) == mine;
     return mine.IsEmpty();
+}
+
+void Distribution::record(const SdfLayerHandle& layer, const SdfPath& path, bool deep) {
+    if (!recorder_) return;
+    if (deep || !layer->HasSpec(path))
+        recorder_->touchWithAncestors(layer, path);
+    else
+        recorder_->touch(layer, path);
 }
 
 bool Distribution::ensure(const Place& place, const SdfPath& source) {
@@ -361,10 +378,12 @@ void Distribution::distributeRelocates() {
     const Target* target =
         place.target && hasOpinion(place.target->layer, root, field) ? place.target : default_;
     if (!target) return;
-    if (target->closed)
+    if (target->closed) {
         refuse(root, field.GetString(), target->layer->GetIdentifier(), *target->closed);
-    else
+    } else {
+        record(target->layer, root);
         target->layer->SetRelocates(delegate_->GetRelocates());
+    }
     delegate_->EraseField(root, field);
 }
 
@@ -379,9 +398,9 @@ void Distribution::keepBareOver(const Spec& spec) {
     if (!prim || !prim->GetNameChildren().empty() || !prim->GetProperties().empty()) return;
     if (rules_.whyLocked(spec.path)) return;
     if (default_->closed)
-        refuse(spec.path, "", default_->layer->GetIdentifier(), *default_->closed);
-    else
-        ensure({default_, spec.path, false}, spec.path);
+        return refuse(spec.path, "", default_->layer->GetIdentifier(), *default_->closed);
+    record(default_->layer, spec.path);
+    ensure({default_, spec.path, false}, spec.path);
 }
 
 // ------------------------------------------------------------------ the mirror

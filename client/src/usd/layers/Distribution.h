@@ -11,6 +11,7 @@
 
 #include "DelegateWrites.h"
 #include "usd/layers/LocalStack.h"
+#include "usdlive/client/usd/content/Recorder.h"
 #include "usdlive/client/usd/layers/LayerTypes.h"
 
 namespace usdlive::layers {
@@ -38,8 +39,10 @@ public:
 /// stack, it is written there.
 class Distribution {
 public:
+    /// The edits of the stack's layers are recorded if there is a `recorder`.
     Distribution(LocalStack& stack, const pxr::SdfLayerHandle& delegate,
-                 const pxr::SdfLayerHandle& defaultLayer, DistributionRules& rules);
+                 const pxr::SdfLayerHandle& defaultLayer, DistributionRules& rules,
+                 content::Recorder* recorder = nullptr);
     ~Distribution();
 
     /// Returns the refused edits.
@@ -95,6 +98,7 @@ private:
     [[nodiscard]] Place strongestKey(const Spec& spec, const pxr::TfToken& field,
                                      const pxr::TfToken& keyPath, const Holders& holders);
 
+    void record(const pxr::SdfLayerHandle& layer, const pxr::SdfPath& path, bool deep = false);
     bool ensure(const Place& place, const pxr::SdfPath& source);
     void write(const Place& place, const Spec& spec, const Field& field);
     void writeSamples(const Place& place, const Spec& spec, const Field& field);
@@ -113,6 +117,7 @@ private:
     LocalStack& stack_;
     const pxr::SdfLayerHandle delegate_;
     DistributionRules& rules_;
+    content::Recorder* const recorder_;
     std::vector<Target> targets_;  // strong to weak, without the delegate
     const Target* default_ = nullptr;
     std::vector<Planned> plan_;

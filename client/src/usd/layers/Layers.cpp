@@ -139,10 +139,10 @@ public:
         if (!edits.empty()) notify(edits);
     }
 
-    std::vector<RefusedEdit> distributeAll() {
+    std::vector<RefusedEdit> distributeAll(content::Recorder* recorder) {
         const bool suspended = authoring.isSuspended();
         authoring.resume();
-        auto refused = distribute();
+        auto refused = distribute(recorder);
         if (suspended) authoring.suspend();
         return refused;
     }
@@ -160,14 +160,14 @@ private:
         return context;
     }
 
-    std::vector<RefusedEdit> distribute() {
+    std::vector<RefusedEdit> distribute(content::Recorder* recorder = nullptr) {
         std::vector<RefusedEdit> refused;
         {
             // The block's notices at its end are caused by us, so the delegate ignores them.
             distributing_ = true;
             const pxr::SdfChangeBlock block;
             refused = locking.update(authoring.delegate());
-            auto more = authoring.update();
+            auto more = authoring.update(recorder);
             refused.insert(refused.end(), std::make_move_iterator(more.begin()),
                            std::make_move_iterator(more.end()));
         }
@@ -340,7 +340,9 @@ LayerResult<void> Layers::setEditMode(LayerEditMode mode) {
 }
 std::vector<RefusedEdit> Layers::update(double nowMs) { return here("update").update(nowMs); }
 void Layers::refuse(std::vector<RefusedEdit> edits) { here("refuse").refuse(std::move(edits)); }
-std::vector<RefusedEdit> Layers::distribute() { return here("distribute").distributeAll(); }
+std::vector<RefusedEdit> Layers::distribute(content::Recorder* recorder) {
+    return here("distribute").distributeAll(recorder);
+}
 std::vector<LayerEvent> Layers::takeEvents() { return here("takeEvents").takeEvents(); }
 const std::deque<RefusedEdit>& Layers::refusedEdits() const { return here("refusedEdits").refused; }
 void Layers::setLive(LiveLayers* live) { here("setLive").setLive(live); }

@@ -14,7 +14,7 @@ from pxr import Sdf, Tf, Usd, UsdUtils
 import usdlive
 from usdlive.omni._events import EventStream
 from usdlive.omni._layer_content import restore_edit_target
-from usdlive.omni._registers import hold
+from usdlive.omni._registers import Recorder, hold
 from usdlive.omni.kit.app import ORDER_EVENTS, ORDER_LAYERS, ORDER_LIVE, get_app
 
 from . import _saving
@@ -97,7 +97,8 @@ class UsdContext:
         self._selection = Selection(self.get_stage, self._mark_selection)
         self._selection_changed = self._hierarchy_changed = False
         self._tasks: set[asyncio.Task] = set()
-        self._before_saving: list[typing.Callable[[], None]] = []
+        self._before_saving: list[typing.Callable[[Recorder | None], None]] = []
+        self._recorder: Recorder | None = None  # is set while a command runs
         _contexts.add(self)
         updates = get_app().get_update_event_stream()
         self._frames = [
@@ -238,10 +239,22 @@ class UsdContext:
         self._save_cancelled = True
         return True
 
-    def call_before_saving(self, function: typing.Callable[[], None]) -> None:
-        """Not in Kit: calls `function()` before edits are saved, sent or left, so that edits waiting for the
-        next frame are included."""
+    def call_before_saving(self, function: typing.Callable[[Recorder | None], None]) -> None:
+        """Not in Kit: calls `function(recorder)` before edits are saved, sent or left, and before and after each
+        command, so that edits waiting for the next frame are included. It records the layers that they go to."""
         self._before_saving.append(function)
+
+    @contextlib.contextmanager
+    def recording(self, recorder: Recorder | None) -> typing.Iterator[None]:
+        """Not in Kit: the edits that wait for the next frame go to their layers at the beginning and at the end;
+        those that are made meanwhile are recorded there."""
+        self._distribute()
+        outer, self._recorder = self._recorder, recorder
+        try:
+            yield
+        finally:
+            self._distribute()
+            self._recorder = outer
 
     # -- queries
 
@@ -532,7 +545,7 @@ class UsdContext:
 
     def _distribute(self) -> None:
         for function in self._before_saving:
-            function()
+            function(self._recorder)
 
     def _check_not_shared(self, layers: typing.Iterable[Sdf.Layer]) -> None:
         """Refuses to discard edits that are the unsaved work of another context."""

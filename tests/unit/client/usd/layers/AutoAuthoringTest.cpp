@@ -11,6 +11,8 @@
 #include <pxr/usd/sdf/variantSpec.h>
 
 #include "LayersFixture.h"
+#include "usd/content/SpecEdits.h"
+#include "usdlive/client/usd/content/Recorder.h"
 
 namespace usdlive::layers {
 
@@ -267,6 +269,46 @@ TEST_F(AutoAuthoringTest, AClosedLayerGetsNoEditsAndTheReasonIsReported) {
     EXPECT_EQ(layers().refusedEdits().size(), 2u + 0u);
     EXPECT_FALSE(has(delegate, "/New"));
     root->SetPermissionToEdit(true);
+}
+
+TEST_F(AutoAuthoringTest, ARecorderGetsTheEditsOfTheLayersInsteadOfTheDelegate) {
+    set(strong, "/A.x", 1);
+    set(weak, "/A.y", 2);
+    define(weak, "/Old/Below");
+    const auto texts = [&] {
+        std::vector<std::string> all(3);
+        root->ExportToString(&all[0]);
+        strong->ExportToString(&all[1]);
+        weak->ExportToString(&all[2]);
+        return all;
+    };
+    const auto delegate = start();
+    set(delegate, "/Old.x", 1);
+    layers().distribute();
+    const auto before = texts();
+    content::Recorder recorder;
+    recorder.touch(delegate, SdfPath::AbsoluteRootPath(), true);
+    set(delegate, "/A.x", 10);
+    set(delegate, "/A.y", 20);
+    set(delegate, "/New.x", 30);
+    content::removeSpec(delegate, SdfPath("/Old"));
+    layers().distribute(&recorder);
+    EXPECT_EQ(get(weak, "/A.y"), 20);
+    EXPECT_FALSE(has(weak, "/Old"));
+    const auto record = recorder.finish();
+    const std::vector<pxr::SdfLayerHandle> written = record.layers();
+    EXPECT_TRUE(std::ranges::find(written, delegate) == written.end());
+
+    set(root, "/New.hers", 1);  // somebody else
+    const auto kept = record.undo([](const auto&) { return true; });
+    EXPECT_TRUE(
+        std::ranges::all_of(kept, [](const auto& one) { return one.path == SdfPath("/New"); }));
+    EXPECT_EQ(get(root, "/New.hers"), 1);
+    EXPECT_FALSE(has(root, "/New.x"));
+    content::removeSpec(root, SdfPath("/New"));
+    EXPECT_EQ(texts(), before);
+    layers().distribute();
+    EXPECT_EQ(get(delegate, "/A.x"), 1) << "the mirror follows";
 }
 
 TEST_F(AutoAuthoringTest, SuspendedEditsWait) {

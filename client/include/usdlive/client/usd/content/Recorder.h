@@ -6,8 +6,10 @@
 #include <pxr/usd/sdf/path.h>
 
 #include <functional>
+#include <map>
 #include <memory>
 #include <string>
+#include <unordered_map>
 #include <vector>
 
 #include "usdlive/client/usd/content/Registers.h"
@@ -62,12 +64,20 @@ public:
     /// Touches everything from the first missing ancestor of `path` on. For a spec that will be
     /// created with its ancestors.
     void touchWithAncestors(const pxr::SdfLayerHandle& layer, const pxr::SdfPath& path);
+    /// Drops what was touched in a layer whose edits are recorded elsewhere.
+    void forget(const pxr::SdfLayerHandle& layer);
 
     /// Returns the edits since the last call and starts again.
     [[nodiscard]] Record finish();
 
 private:
+    [[nodiscard]] bool isTouched(const pxr::SdfLayerHandle& layer, const pxr::SdfPath& path,
+                                 bool deep) const;
+
     std::vector<LayerScope> scopes_;
+    /// The paths of the scopes, and whether they are deep.
+    using Touched = std::unordered_map<pxr::SdfPath, bool, pxr::SdfPath::Hash>;
+    std::map<pxr::SdfLayerHandle, Touched> touched_;
 };
 
 }  // namespace usdlive::content

@@ -11,6 +11,10 @@
 
 #include "usdlive/client/usd/layers/LayerTypes.h"
 
+namespace usdlive::content {
+class Recorder;
+}
+
 namespace usdlive::layers {
 
 class DelegateWrites;
@@ -46,8 +50,8 @@ public:
     void layerChanged(const pxr::SdfLayerHandle& layer, const pxr::SdfChangeList& changes);
     void structureChanged() { structureChanged_ = true; }
     /// Distributes the edits of one frame, within the caller's change block. Returns the refused
-    /// edits.
-    [[nodiscard]] std::vector<RefusedEdit> update();
+    /// edits. A `recorder` gets the edits of the layers instead of those of the delegate.
+    [[nodiscard]] std::vector<RefusedEdit> update(content::Recorder* recorder = nullptr);
     /// Restores the place of the delegate and the edit target. Call it before update(), outside its
     /// block.
     void keepInPlace();

@@ -44,9 +44,10 @@ public:
     /// `nowMs` is the time of any steady clock. Returns the refused edits.
     std::vector<RefusedEdit> update(double nowMs);
     /// Moves edits of the delegate to their layers and takes back edits of locked specs, even while
-    /// auto authoring is suspended. Call it before saving, sending or leaving. Returns the refused
-    /// edits.
-    std::vector<RefusedEdit> distribute();
+    /// auto authoring is suspended. Call it before saving, sending or leaving, and before and
+    /// after a command that can be undone, after it with its recorder, which gets the edits of the
+    /// layers instead of those of the delegate. Returns the refused edits.
+    std::vector<RefusedEdit> distribute(content::Recorder* recorder = nullptr);
     /// Returns the events since the last call, in order.
     [[nodiscard]] std::vector<LayerEvent> takeEvents();
     /// Reports edits that a server refused, together with those refused here.

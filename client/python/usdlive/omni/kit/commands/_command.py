@@ -61,7 +61,8 @@ class RecordedCommand(Command):
     def do(self) -> typing.Any:
         recorder = Recorder()
         try:
-            return self.edit(recorder)
+            with self.context.recording(recorder):
+                return self.edit(recorder)
         finally:
             self._record = recorder.finish()
 
@@ -70,5 +71,5 @@ class RecordedCommand(Command):
         self._record.undo()
 
     def undo(self) -> list[Kept]:
-        with Sdf.ChangeBlock():
+        with self.context.recording(None), Sdf.ChangeBlock():
             return self._record.undo(self.context.is_live_layer)

@@ -11,6 +11,7 @@ from pxr import Sdf, Tf, Usd
 
 from usdlive import _usdlive, events
 from usdlive.omni._events import EventStream, Subscription
+from usdlive.omni._registers import Recorder
 from usdlive.omni.kit.app import ORDER_EVENTS, ORDER_LAYERS, get_app
 from usdlive.omni.usd import StageEventType
 
@@ -334,7 +335,7 @@ class Layers:
             self._subscriptions.append(stage_events().create_subscription_to_pop_by_type(
                 StageEventType.CLOSED, lambda _: this()._native_layers(), order=-1))
         if before_saving := getattr(context, "call_before_saving", None):
-            before_saving(lambda: (layers := this()) and layers._distribute())
+            before_saving(lambda recorder: (layers := this()) and layers._distribute(recorder))
 
     # -- parts
 
@@ -366,7 +367,7 @@ class Layers:
 
     def _enter_mode(self, native: "_usdlive.Layers", edit_mode: int) -> None:
         native.set_edit_mode(int(edit_mode))
-        if native.edit_mode() == LayerEditMode.AUTO_AUTHORING:
+        if native.edit_mode() != LayerEditMode.NORMAL:
             this = weakref.ref(self)
 
             def is_delegate(identifier: str) -> bool:
@@ -468,10 +469,11 @@ class Layers:
             self._enter_mode(self._native, resumed[1])
             self._native.set_default_layer(resumed[2])
 
-    def _distribute(self) -> None:
-        """Called before edits are saved, sent or left."""
+    def _distribute(self, recorder: Recorder | None = None) -> None:
+        """Called before edits are saved, sent or left, and before and after each command. A recorder gets the edits
+        of the layers that receive them, instead of those of the delegate."""
         if native := self._native_layers():
-            native.distribute()
+            native.distribute(recorder.native if recorder else None)
             self._queue_events()
 
     def _drop(self) -> None:

@@ -1,4 +1,4 @@
-"""Replaces `stage.RemovePrim` during auto authoring.
+"""Replaces `stage.RemovePrim` in the edit modes with a delegate layer.
 
 `pxr.Usd` removes a prim from the layer of the edit target and returns False if that layer has no spec of it.
 The delegate has specs only for prims that were edited since the mode started. So the stage's `RemovePrim` is
