@@ -240,6 +240,19 @@ def test_undo_redo_and_groups(registered, ctx, stage):
     assert not undo.can_undo("test") and root.comment == "e"
 
 
+def test_an_end_without_a_beginning_does_nothing(registered, ctx, stage):
+    undo.end_group()
+    undo.end_disabled()
+    with undo.group():
+        run("SetComment", text="a")
+        run("SetComment", text="b")
+    run("SetComment", text="c")
+    assert [entry.name for entry in undo.get_undo_stack("test")] == ["group", "SetComment"]
+    with undo.disabled():
+        run("SetComment", text="d")
+    assert len(undo.get_undo_stack("test")) == 2
+
+
 def test_a_command_of_ones_own_without_recorder(ctx):
     done = []
 

@@ -173,6 +173,9 @@ def begin_group() -> None:
 
 
 def end_group() -> None:
+    """Does nothing without a begin_group()."""
+    if not _groups.depth:
+        return
     _groups.depth -= 1
     if _groups.depth == 0:
         histories, _groups.histories = _groups.histories, []
@@ -185,7 +188,8 @@ def begin_disabled() -> None:
 
 
 def end_disabled() -> None:
-    _disabled.depth -= 1
+    """Does nothing without a begin_disabled()."""
+    _disabled.depth = max(0, _disabled.depth - 1)
 
 
 def log_failure(name: str, error: BaseException) -> None:
