@@ -24,6 +24,9 @@ private:
         do row.cells.push_back(readCell());
         while (csv_.error.empty() && takeComma(row));
         if (!csv_.error.empty()) return;
+        cells_ += row.cells.size();
+        if (cells_ > limits_.cells)
+            return fail("there are more than " + std::to_string(limits_.cells) + " cells");
         takeLineEnd();
         if (row.cells.size() == 1 && row.cells.front().empty() && !wasQuoted_) return;
         if (csv_.rows.size() == limits_.rows)
@@ -90,7 +93,7 @@ private:
 
     std::string_view text_;
     const CsvLimits& limits_;
-    std::size_t at_ = 0, line_ = 1;
+    std::size_t at_ = 0, line_ = 1, cells_ = 0;
     bool wasQuoted_ = false;
     Csv csv_;
 };

@@ -15,6 +15,7 @@ struct CsvRow {
 
 struct CsvLimits {
     std::size_t rows = 100'000, columns = 256, cellBytes = 64 * 1024;
+    std::size_t cells = 2'000'000;  ///< counts those of all rows
 };
 
 struct Csv {

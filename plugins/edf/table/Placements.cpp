@@ -2,8 +2,10 @@
 #include "Placements.h"
 
 #include <pxr/base/tf/stringUtils.h>
+#include <pxr/base/tf/unicodeUtils.h>
 #include <pxr/usd/sdf/path.h>
 
+#include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <map>
@@ -69,6 +71,23 @@ std::string set(Placement& row, const std::string& column, const std::string& ce
     return {};
 }
 
+// Returns what is wrong with a text that is not UTF-8. The bytes of UTF-16 and UTF-32 have NULs.
+std::string checkEncoding(std::string_view text) {
+    const auto lineOf = [&](std::size_t at) {
+        return "line " + std::to_string(1 + std::ranges::count(text.substr(0, at), '\n')) + ": ";
+    };
+    constexpr const char* kAdvice = "; save the table as UTF-8";
+    if (const auto nul = text.find('\0'); nul != std::string_view::npos)
+        return lineOf(nul) + "the text is not UTF-8, perhaps UTF-16" + kAdvice;
+    const pxr::TfUtf8CodePointView points(text);
+    for (auto point = points.begin(); point != points.end(); ++point)
+        if (*point == pxr::TfUtf8InvalidCodePoint &&
+            !text.substr(std::size_t(point.GetBase() - text.begin())).starts_with("\xEF\xBF\xBD"))
+            return lineOf(std::size_t(point.GetBase() - text.begin())) +
+                   "the text is not UTF-8, perhaps Latin-1" + kAdvice;
+    return {};
+}
+
 // Gives each row a name of its own, derived from its cell.
 std::string uniqueName(const Placement& row, std::size_t index, std::set<std::string>& used) {
     const std::string base = row.name.empty() ? "Row_" + std::to_string(index + 1)
@@ -95,6 +114,8 @@ std::string check(const Placement& row) {
 
 Placements readPlacements(std::string_view text) {
     Placements made;
+    made.error = checkEncoding(text);
+    if (!made.error.empty()) return made;
     const Csv csv = readCsv(text);
     made.error = csv.error;
     if (made.error.empty() && csv.rows.empty()) made.error = "line 1: there is no row of columns";

@@ -23,9 +23,9 @@ struct Placements {
     std::string error;  ///< names the line and the column; empty if all could be read
 };
 
-/// Reads a table whose first row names the columns: `asset` is needed; `name`, `prim`, `x y z`,
-/// `rotateX rotateY rotateZ` (degrees), `scale` or `scaleX scaleY scaleZ` are known. Others become
-/// attributes `table:COLUMN`.
+/// Reads a table in UTF-8 whose first row names the columns: `asset` is needed; `name`, `prim`, `x
+/// y z`, `rotateX rotateY rotateZ` (degrees), `scale` or `scaleX scaleY scaleZ` are known. Others
+/// become attributes `table:COLUMN`.
 [[nodiscard]] Placements readPlacements(std::string_view csv);
 
 }  // namespace usdlive::edf::table
