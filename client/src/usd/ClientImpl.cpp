@@ -26,6 +26,16 @@ constexpr const char* kCachePrefix = "usdlive-cache-";
 // The budget of the last tick of a client.
 constexpr double kLastBudgetMs = 50;
 
+// Returns the layers of the project if the event tells them.
+std::optional<std::vector<LayerId>> layersOfProject(const client::Event& event) {
+    if (const auto* changed = std::get_if<event::LayersChanged>(&event)) return changed->layers;
+    const auto* connected = std::get_if<event::Connected>(&event);
+    if (!connected) return std::nullopt;
+    std::vector<LayerId> layers;
+    for (const LayerInfo& info : connected->welcome.layers) layers.push_back(info.layer);
+    return layers;
+}
+
 }  // namespace
 
 Result<ClientFolders> ClientFolders::create(const fs::path& folder) {
@@ -148,8 +158,7 @@ void Client::Impl::work(double budgetMs, TickResult& result, Seal seal) {
         // A new layer and the edit that names it may arrive in one tick. Composition opens the
         // layer at the end of the block.
         for (const client::Event& one : happened)
-            if (const auto* changed = std::get_if<event::LayersChanged>(&one))
-                late_.add(layers_.setOfProject(changed->layers));
+            if (auto layers = layersOfProject(one)) late_.add(layers_.setOfProject(*layers));
         layers_.makeNamedFindable();
         late_.compose();
     }
@@ -301,9 +310,6 @@ bool Client::Impl::note(client::Event& one) {
     if (const auto* connected = std::get_if<event::Connected>(&one)) {
         line_.welcomed();
         followProject(connected->welcome.store.value_or(store_));
-        std::vector<LayerId> layers;
-        for (const LayerInfo& info : connected->welcome.layers) layers.push_back(info.layer);
-        late_.add(layers_.setOfProject(std::move(layers)));
         layers_.followLocks();
     } else if (const auto* states = std::get_if<event::LayerStatesChanged>(&one)) {
         for (const LayerState& state : states->layers) layers_.followLock(state.layer);

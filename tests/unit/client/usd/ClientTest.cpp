@@ -3,11 +3,16 @@
 
 #include <gtest/gtest.h>
 #include <pxr/base/tf/errorMark.h>
+#include <pxr/base/tf/notice.h>
+#include <pxr/base/tf/weakBase.h>
+#include <pxr/base/tf/weakPtr.h>
 #include <pxr/base/vt/array.h>
 #include <pxr/base/vt/value.h>
 #include <pxr/usd/sdf/attributeSpec.h>
+#include <pxr/usd/sdf/changeBlock.h>
 #include <pxr/usd/sdf/layer.h>
 #include <pxr/usd/sdf/listOp.h>
+#include <pxr/usd/sdf/notice.h>
 #include <pxr/usd/sdf/primSpec.h>
 #include <pxr/usd/sdf/reference.h>
 #include <pxr/usd/sdf/relationshipSpec.h>
@@ -16,6 +21,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cstdlib>
+#include <ctime>
 #include <fstream>
 #include <set>
 #include <thread>
@@ -107,6 +113,18 @@ protected:
     NoBlobs blobs;
 };
 
+// Counts the changes of a layer.
+class LayerNotices : public pxr::TfWeakBase {
+public:
+    explicit LayerNotices(const pxr::SdfLayerHandle& layer) {
+        pxr::TfNotice::Register(pxr::TfCreateWeakPtr(this), &LayerNotices::changed, layer);
+    }
+    int count = 0;
+
+private:
+    void changed(const pxr::SdfNotice::LayersDidChangeSentPerLayer&) { ++count; }
+};
+
 fs::path freshFolder(const std::string& name) {
     const auto folder =
         fs::temp_directory_path() / ("usdlive-test-" + std::to_string(getpid())) / name;
@@ -160,6 +178,18 @@ TEST_F(ClientTest, OpensALayerWithTheLayersItUses) {
     }
     EXPECT_FALSE(SdfLayer::Find((ada->cacheFolder() / kLookLayer.value).string()));
     EXPECT_EQ(exportedText(open(*ada, kLookLayer)).substr(0, 5), "#usda");
+}
+
+TEST_F(ClientTest, LayersThatComeWithTheConnectionAreNotComposedAgain) {
+    for (int connection = 0; connection < 5; ++connection) {
+        const auto ada = connect("ada");
+        const LayerNotices notices(open(*ada, kRoot));
+        for (int i = 0; i < 20; ++i) {
+            std::this_thread::sleep_for(std::chrono::milliseconds(1));
+            tick({ada.get()}, 1);
+        }
+        EXPECT_EQ(notices.count, 0);
+    }
 }
 
 TEST_F(ClientTest, SaysThatThereIsNoSuchLayer) {
@@ -402,6 +432,36 @@ TEST_F(ClientTest, WorkDoneOfflineArrivesLater) {
     EXPECT_EQ(exportedText(hers), exportedText(his));
     EXPECT_EQ(exportedText(hers), serverText(kRoot));
     EXPECT_EQ(events, (std::vector<std::string>{"gone", "back"}));
+}
+
+TEST_F(ClientTest, SiblingsThatTwoAddedOfflineTakeLinearTime) {
+    const auto ada = connect("ada"), bo = connect("bo");
+    const auto hers = open(*ada, kRoot), his = open(*bo, kRoot);
+    const auto timeOf = [&](const std::string& parent, int number) {
+        pxr::SdfCreatePrimInLayer(hers, SdfPath(parent));
+        EXPECT_TRUE(ada->flush(2'000));
+        tick({bo.get()});
+        EXPECT_TRUE(his->GetPrimAtPath(SdfPath(parent)));
+        server.setReachable(false);
+        tick({ada.get(), bo.get()});
+        for (const auto& [layer, user] : {std::pair(hers, "ada"), std::pair(his, "bo")}) {
+            const pxr::SdfChangeBlock block;
+            for (int i = 0; i < number; ++i)
+                pxr::SdfCreatePrimInLayer(layer, SdfPath(parent + "/" + user + std::to_string(i)));
+        }
+        tick({ada.get(), bo.get()});
+        const auto start = std::clock();
+        server.setReachable(true);
+        EXPECT_TRUE(ada->flush(20'000) && bo->flush(20'000));
+        tick({ada.get(), bo.get()});
+        EXPECT_TRUE(exportedText(hers) == exportedText(his));
+        return double(std::clock() - start);
+    };
+    double ratio = 100;  // the best of some, because the machine may be busy
+    for (const std::string name : {"A", "B", "C"})
+        ratio = std::min(
+            ratio, timeOf("/World/" + name + "2", 4'000) / timeOf("/World/" + name + "1", 2'000));
+    EXPECT_LT(ratio, 3);
 }
 
 TEST_F(ClientTest, AValueThatCannotBeSharedIsReportedAndUndone) {
