@@ -151,14 +151,15 @@ void Client::Impl::work(double budgetMs, TickResult& result, Seal seal) {
         const pxr::SdfChangeBlock block;
         result.more = !exchange(left(), seal) || result.more;
         result.filling = layers_.fill(left());
-        layers_.showInViews();
+        layers_.views().follow();
         late_.add(layers_.takeFilledClips());
         values_.requestMissing(session_);
         happened = session_.takeEvents();
         // A new layer and the edit that names it may arrive in one tick. Composition opens the
         // layer at the end of the block.
         for (const client::Event& one : happened)
-            if (auto layers = layersOfProject(one)) late_.add(layers_.setOfProject(*layers));
+            if (auto layers = layersOfProject(one))
+                late_.add(layers_.setOfProject(*std::move(layers)));
         layers_.makeNamedFindable();
         late_.compose();
     }
@@ -190,6 +191,10 @@ void Client::Impl::applyApart() {
             live->applyApart();
             layers_.makeNamedFindable();
         }
+    for (bool more = true; more;) {
+        const pxr::SdfChangeBlock block;
+        more = layers_.views().applyApart();
+    }
 }
 
 void Client::Impl::useAddresses() {

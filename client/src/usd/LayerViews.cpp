@@ -12,7 +12,7 @@ void LayerViews::add(const LayerId& id, const pxr::SdfLayerRefPtr& view) {
     view->SetPermissionToEdit(true);
     view->Clear();  // removes the content of a placeholder
     view->SetPermissionToEdit(false);
-    entry->second = {id, view, std::make_unique<usd::SdfLayerStore>(view, blobs_, nullptr), {}};
+    entry->second = {id, view, std::make_unique<usd::SdfLayerStore>(view, blobs_, nullptr), {}, {}};
     follow(entry->second);
 }
 
@@ -27,10 +27,22 @@ void LayerViews::follow(View& view) const {
     const LiveLayer* const from = live_.find(view.id);
     const LayerDoc* const content = from && !from->waitsForBlobs() ? from->content() : nullptr;
     if (!content) return;
-    for (const auto& [path, action] : difference(view.shown, *content))
-        static_cast<void>(view.store->applyUnplaced(path, action));
+    const LayerDoc shown = view.shown.value_or(LayerDoc());
+    for (const auto& [path, action] : difference(shown, *content))
+        if (!view.shown || !view.apart.take(path, action))
+            static_cast<void>(view.store->applyUnplaced(path, action));
     view.store->place();
     view.shown = *content;
+}
+
+bool LayerViews::applyApart() {
+    for (auto& [key, view] : views_) {
+        if (view.apart.isEmpty()) continue;
+        for (const EditAction& edit : view.apart.next())
+            static_cast<void>(view.store->apply("/", edit));
+        return true;
+    }
+    return false;
 }
 
 }  // namespace usdlive::client

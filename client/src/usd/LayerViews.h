@@ -5,7 +5,9 @@
 
 #include <map>
 #include <memory>
+#include <optional>
 
+#include "usd/ApartEdits.h"
 #include "usd/LiveSet.h"
 #include "usdlive/common/layer/LayerDoc.h"
 #include "usdlive/common/usd/SdfLayerStore.h"
@@ -24,15 +26,20 @@ public:
     /// Adds a view of the live layer `id`, unless it is known.
     void add(const LayerId& id, const pxr::SdfLayerRefPtr& view);
     /// Part of a tick, within its change block: applies to the views what has changed in their live
-    /// layers. Keeps a view at least as long as its layer is live.
+    /// layers. Keeps a view at least as long as its layer is live. Edits of `expressionVariables`
+    /// and `subLayers` wait for applyApart().
     void follow();
+    /// Applies the next of these edits. Call it in a change block of its own for each time, until
+    /// it returns false: there are none.
+    bool applyApart();
 
 private:
     struct View {
         LayerId id;
         pxr::SdfLayerRefPtr layer;
         std::unique_ptr<usd::SdfLayerStore> store;
-        LayerDoc shown;
+        std::optional<LayerDoc> shown;  // nothing before the first content
+        ApartEdits apart;               // wait for applyApart()
     };
     void follow(View& view) const;
 

@@ -20,27 +20,6 @@ namespace {
 // content again is faster.
 constexpr std::size_t kMostSince = 5'000;
 
-constexpr const char* kVariables = "expressionVariables";
-constexpr const char* kSubLayers = "subLayers";
-
-// A variable that exists only while others change.
-DictionaryKey marker() { return {{"usdlive_changing"}}; }
-EditAction marked(const char* value) {
-    return SetField{kVariables, marker(), stringValue(value), {}};
-}
-EditAction unmarked() { return EraseField{kVariables, marker()}; }
-
-const std::string* fieldOf(const EditAction& action) {
-    if (const auto* set = std::get_if<SetField>(&action)) return &set->field;
-    if (const auto* erase = std::get_if<EraseField>(&action)) return &erase->field;
-    return nullptr;
-}
-
-bool isApart(std::string_view path, const EditAction& action) {
-    const auto* field = path == "/" ? fieldOf(action) : nullptr;
-    return field && (*field == kVariables || *field == kSubLayers);
-}
-
 }  // namespace
 
 LiveLayer::LiveLayer(LayerId id, pxr::SdfLayerRefPtr layer, Surroundings surroundings)
@@ -131,9 +110,7 @@ void LiveLayer::reset(const LayerDoc& doc) {
     capture_.discard();
     setPermission(true, lockedByOther_);
     waiting_.clear();
-    variables_.clear();
-    subLayers_.clear();
-    steps_.clear();
+    apart_ = {};
     auto arriving = std::move(arriving_);
     const auto snapshot = std::exchange(snapshot_, std::nullopt);
     if (snapshot && doc.specCount() > BackgroundFill::kMadeAtOnce) {
@@ -186,8 +163,8 @@ void LiveLayer::apply(const std::string& path, const EditAction& action) {
 }
 
 void LiveLayer::applyNow(const std::string& path, const EditAction& action) {
-    if (isApart(path, action))
-        setApart(action);
+    if (apart_.take(path, action))
+        surroundings_.wake();
     else
         write(path, action);
 }
@@ -196,25 +173,8 @@ void LiveLayer::place() {
     if (store_) store_->place();
 }
 
-void LiveLayer::setApart(const EditAction& action) {
-    auto& edits = *fieldOf(action) == kVariables ? variables_ : subLayers_;
-    edits.push_back(action);
-    surroundings_.wake();
-}
-
-// Pcp (26.8) crashes if the layer that gives another one its variables changes while their values
-// stay the same. So a variable that nothing uses gets another value in each step.
 void LiveLayer::applyApart() {
-    if (steps_.empty() && !variables_.empty()) {
-        auto edits = std::exchange(variables_, {});
-        edits.push_back(marked("b"));
-        steps_ = {{marked("a")}, std::move(edits), {unmarked()}};
-    } else if (steps_.empty()) {
-        steps_.push_back(std::exchange(subLayers_, {}));
-    }
-    const auto edits = std::move(steps_.front());
-    steps_.pop_front();
-    for (const EditAction& edit : edits) write("/", edit);
+    for (const EditAction& edit : apart_.next()) write("/", edit);
 }
 
 void LiveLayer::write(const std::string& path, const EditAction& action) {

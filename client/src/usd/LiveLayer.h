@@ -6,7 +6,6 @@
 #include <pxr/usd/sdf/layer.h>
 #include <pxr/usd/sdf/notice.h>
 
-#include <deque>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -14,6 +13,7 @@
 #include <utility>
 #include <vector>
 
+#include "usd/ApartEdits.h"
 #include "usd/BackgroundFill.h"
 #include "usd/Capture.h"
 #include "usdlive/common/usd/SdfLayerStore.h"
@@ -79,11 +79,8 @@ public:
     /// Gives children their order. Call it in the change block of apply().
     void place();
     /// Returns whether edits wait for applyApart().
-    [[nodiscard]] bool hasApart() const {
-        return !variables_.empty() || !subLayers_.empty() || !steps_.empty();
-    }
-    /// Applies the next of these edits. Call it in a change block of its own for each time, because
-    /// OpenUSD (26.8) crashes on some of them in one block (decision 26).
+    [[nodiscard]] bool hasApart() const { return !apart_.isEmpty(); }
+    /// Applies the next of these edits. Call it in a change block of its own for each time.
     void applyApart();
     [[nodiscard]] bool isFilling() const { return fill_ != nullptr; }
     /// Returns whether content is being built for a layer that had content before.
@@ -139,7 +136,6 @@ private:
     [[nodiscard]] Capture::Sealed sealMuted();
     [[nodiscard]] std::unique_ptr<BackgroundFill> newFill();
     void applyNow(const std::string& path, const EditAction& action);
-    void setApart(const EditAction& action);
     void write(const std::string& path, const EditAction& action);
     void onReplaced(const pxr::SdfNotice::LayerDidReplaceContent& notice);
     void onMuteness(const pxr::SdfNotice::LayerMutenessChanged& notice);
@@ -154,9 +150,7 @@ private:
     std::optional<LayerDoc> snapshot_;  // the doc of arriving_, when it is complete
     std::unique_ptr<BackgroundFill> fill_;
     std::vector<Waiting> waiting_;  // edits that wait for fill_
-    // Edits of the root that wait for applyApart(), and the steps in which it makes them.
-    std::vector<EditAction> variables_, subLayers_;
-    std::deque<std::vector<EditAction>> steps_;
+    ApartEdits apart_;              // wait for applyApart()
     // The editor may write if both of the next two are false, and if its own setting permits it.
     bool closed_ = false;  // true until the layer has all content
     bool lockedByOther_ = false;

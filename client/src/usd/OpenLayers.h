@@ -44,6 +44,7 @@ public:
     explicit OpenLayers(Surroundings surroundings);
 
     [[nodiscard]] LiveSet& live() { return live_; }
+    [[nodiscard]] LayerViews& views() { return views_; }
     [[nodiscard]] LiveLayer* find(const LayerId& id) const { return live_.find(id); }
     /// Returns the name of the layer if it is a live layer of this client.
     [[nodiscard]] std::optional<LayerId> idOf(const pxr::SdfLayerHandle& layer) const;
@@ -98,9 +99,6 @@ public:
     /// Returns the live layers of value clips that were filled since the last call. OpenUSD may
     /// have read them when they were empty.
     [[nodiscard]] std::vector<LayerId> takeFilledClips() { return std::exchange(filledClips_, {}); }
-    /// Shows the changes of live layers in the layers that OpenUSD has opened once more for file
-    /// format arguments.
-    void showInViews() { views_.follow(); }
     /// Makes layers findable that edits of this tick name, because composition opens them at the
     /// end of the change block. Those that value clips name are found as files.
     void makeNamedFindable();
