@@ -22,8 +22,7 @@ ClipFiles::ClipFiles(const LayerPlaces& places, ProjectFiles& files,
 
 std::optional<LayerId> ClipFiles::named(const pxr::SdfLayerHandle& layer,
                                         const std::string& asset) const {
-    const auto identifier = pxr::SdfComputeAssetPathRelativeToLayer(layer, asset);
-    return places_.layerAt(pxr::SdfLayer::SplitIdentifier(identifier).first);
+    return places_.layerAt(pxr::SdfComputeAssetPathRelativeToLayer(layer, asset));
 }
 
 bool ClipFiles::areClips(const LayerId& id) const {

@@ -22,7 +22,8 @@ public:
     /// Returns the identifier with which SdfLayer::FindOrOpen() opens the layer.
     [[nodiscard]] virtual std::string identifierOf(const LayerId& layer) const = 0;
     /// Returns the layer with this identifier; nothing if the identifier belongs to another place.
-    /// Depends on the name only: the project may not have the layer.
+    /// Depends on the name only: the project may not have the layer. File format arguments of the
+    /// identifier are ignored.
     [[nodiscard]] virtual std::optional<LayerId> layerAt(const std::string& identifier) const = 0;
     /// Does the same for an SdfLayer, which is neither null nor anonymous.
     [[nodiscard]] virtual std::optional<LayerId> layerOf(

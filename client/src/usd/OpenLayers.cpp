@@ -292,7 +292,7 @@ bool OpenLayers::adoptView(const pxr::SdfLayerRefPtr& layer) {
 void OpenLayers::adopt(const pxr::SdfLayerRefPtr& layer) {
     if (live_.find(layer) || layer->IsAnonymous() || adoptView(layer)) return;
     const auto id = layerOf(layer);
-    if (!id || failed_.contains(*id) || isAwaited(*id) || closed_.contains(*id))
+    if (!id || !mayJoin(*id))
         refuseEdits(layer);
     else if (!isLiveElsewhere(layer))
         static_cast<void>(join(*id, layer));

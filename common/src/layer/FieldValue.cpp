@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cstring>
 
+#include "FieldLeaves.h"
 #include "ValueRules.h"
 #include "usdlive/common/core/ByteStream.h"
 
@@ -165,19 +166,19 @@ FieldValue readField(ByteReader& in) {
 
 using Visit = std::function<void(const Value&)>;
 
-void forEachLeaf(const Value& value, const Visit& visit) { visit(value); }
-void forEachLeaf(const Dictionary& dictionary, const Visit& visit) {
+void visitLeaves(const Value& value, const Visit& visit) { visit(value); }
+void visitLeaves(const Dictionary& dictionary, const Visit& visit) {
     for (const auto& [key, entry] : dictionary.entries)
-        std::visit([&](const auto& content) { forEachLeaf(content, visit); }, entry);
+        std::visit([&](const auto& content) { visitLeaves(content, visit); }, entry);
 }
-void forEachLeaf(const TimeSamples& samples, const Visit& visit) {
+void visitLeaves(const TimeSamples& samples, const Visit& visit) {
     for (const auto& [time, value] : samples.samples) visit(value);
 }
-void forEachLeaf(const ListOp& listOp, const Visit& visit) {
+void visitLeaves(const ListOp& listOp, const Visit& visit) {
     for (const auto& list : listOp.lists)
         for (const Value& item : list) visit(item);
 }
-void forEachLeaf(const Map& map, const Visit& visit) {
+void visitLeaves(const Map& map, const Visit& visit) {
     for (const auto& [key, value] : map.entries) {
         visit(key);
         visit(value);
@@ -228,11 +229,14 @@ Result<FieldValue> decodeFieldValue(ByteView bytes) {
     return readField(in);
 }
 
+void forEachLeaf(const FieldValue& field, const Visit& visit) {
+    field.visit([&](const auto& content) { visitLeaves(content, visit); });
+}
+
 void forEachBlob(const FieldValue& value, const Visit& visit) {
-    const Visit visitBlob = [&](const Value& leaf) {
+    forEachLeaf(value, [&](const Value& leaf) {
         if (leaf.isBlob()) visit(leaf);
-    };
-    value.visit([&](const auto& content) { forEachLeaf(content, visitBlob); });
+    });
 }
 
 }  // namespace usdlive

@@ -7,6 +7,7 @@
 #include <unordered_map>
 #include <utility>
 
+#include "FieldLeaves.h"
 #include "Identifier.h"
 #include "ValueRules.h"
 #include "usdlive/common/core/Utf8.h"
@@ -239,26 +240,20 @@ const std::string* misplacedIn(const Dictionary& dictionary) {
 
 bool hasNul(std::string_view text) { return text.find('\0') != std::string_view::npos; }
 
-// Returns true if a text or key in the content of a field holds a NUL.
 bool hasNul(const Value& value) { return !value.isBlob() && holdsNul(value.type(), value.bytes()); }
-bool hasNul(const Dictionary& dictionary) {
+
+bool hasNulInKeys(const Dictionary& dictionary) {
     return std::ranges::any_of(dictionary.entries, [](const auto& entry) {
-        return hasNul(entry.first) ||
-               std::visit([](const auto& content) { return hasNul(content); }, entry.second);
+        const auto* inner = std::get_if<Dictionary>(&entry.second);
+        return hasNul(entry.first) || (inner && hasNulInKeys(*inner));
     });
 }
-bool hasNul(const TimeSamples& samples) {
-    return std::ranges::any_of(samples.samples,
-                               [](const auto& sample) { return hasNul(sample.second); });
-}
-bool hasNul(const ListOp& list) {
-    return std::ranges::any_of(list.lists, [](const std::vector<Value>& items) {
-        return std::ranges::any_of(items, [](const Value& item) { return hasNul(item); });
-    });
-}
-bool hasNul(const Map& map) {
-    return std::ranges::any_of(
-        map.entries, [](const auto& entry) { return hasNul(entry.first) || hasNul(entry.second); });
+
+bool hasNul(const FieldValue& field) {
+    const auto* dictionary = field.as<Dictionary>();
+    bool found = dictionary && hasNulInKeys(*dictionary);
+    forEachLeaf(field, [&](const Value& leaf) { found = found || hasNul(leaf); });
+    return found;
 }
 
 bool hasNul(std::monostate) { return false; }
@@ -281,8 +276,7 @@ bool holdsNul(ValueType type, ByteView bytes) {
 }
 
 Result<void> checkTexts(const SetField& set) {
-    if (!set.value.visit([](const auto& content) { return hasNul(content); }) &&
-        !std::visit([](const auto& part) { return hasNul(part); }, set.part))
+    if (!hasNul(set.value) && !std::visit([](const auto& part) { return hasNul(part); }, set.part))
         return {};
     return fail(ErrorCode::InvalidValue, "a text in " + inQuotes(set.field) +
                                              " holds a NUL, and no file keeps what comes after it");
