@@ -930,11 +930,14 @@ def test_edits_of_another_context_are_not_dropped(context, ball, tmp_path):
     a, b = context("a"), context("b")
     (tmp_path / "root.usda").write_text("#usda 1.0\n(\n    subLayers = [@./ball.usda@]\n)\n")
     assert a.open_stage(ball) and b.open_stage(str(tmp_path / "root.usda"))
-    Sdf.Layer.Find(ball).GetAttributeAtPath("/Ball.radius").default = 5.0
+    layer = Sdf.Layer.Find(ball)
+    layer.GetAttributeAtPath("/Ball.radius").default = 5.0
     for operation in (lambda: a.reopen_stage_async(), lambda: a.open_stage_async(ball)):
+        assert layer.dirty and layer in a.get_stage().GetUsedLayers() and layer in b.get_stage().GetUsedLayers()
         done, why = asyncio.run(operation())
         assert not done and "ball.usda" in why and "'b'" in why
         assert radius(a.get_stage()).Get() == 5 == radius(b.get_stage()).Get(), "nothing was closed"
+    del layer
     assert a.close_stage()
     done, why = asyncio.run(a.open_stage_async(ball))
     assert not done and "'b'" in why and radius(b.get_stage()).Get() == 5

@@ -549,9 +549,11 @@ class UsdContext:
 
     def _check_not_shared(self, layers: typing.Iterable[Sdf.Layer]) -> None:
         """Refuses to discard edits that are the unsaved work of another context."""
-        mine = set(self._opened.stage.GetUsedLayers()) if self._opened else set()
+        # By name: two Python objects of one layer are equal, but have different hashes.
+        discarded = _discarded | ({layer.identifier for layer in self._opened.stage.GetUsedLayers()}
+                                  if self._opened else set())
         for layer in layers:
-            if not layer.dirty or layer.anonymous or layer not in mine and layer.identifier not in _discarded:
+            if not layer.dirty or layer.anonymous or layer.identifier not in discarded:
                 continue
             for other in _contexts:
                 if other.is_live_layer(layer):
