@@ -28,6 +28,8 @@ std::vector<Bytes> fuzz::seeds() {
                    Hello::Resume{3, 7, hash},
                    {{{"a.usda"}}}},
              Welcome{1, {"history"}, "film", 3, 7, hash, true, {{layer}}, 1 << 26, 1 << 30},
+             LayerList{{layer}, {{"b.usda"}}},
+             KeepLayers{{layer}},
              ProjectLayers{{{layer}}},
              OpenLayer{1, layer, 5},
              LayerOpened{1, layer, 7, 100},

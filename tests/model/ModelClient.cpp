@@ -47,8 +47,8 @@ static void digest(Digest& out, const Incoming& part) {
     out(request, opened ? encodeControl(*opened) : "", content.has_value());
 }
 static void digest(Digest& out, const Joining& part) {
-    const auto& [snapshot, later, again, retryAtMs] = part;
-    out(snapshot, later, again, retryAtMs.has_value());
+    const auto& [snapshot, later, again] = part;
+    out(snapshot, later, again);
 }
 static void digest(Digest& out, const Session::Impl::OpenedLayer& part) {
     const auto& [wanted, joining] = part;
@@ -92,10 +92,11 @@ static void digest(Digest& out, const Session::Impl& part) {
         part.revision_, part.pending_.pending_, part.pending_.lastSequence_, part.online_,
         part.linked_, part.inbox_, part.requests_.last_, part.hasHistory_, part.epoch_,
         part.commitEpoch_, part.hash_, part.confirmed_, part.log_, part.creations_, part.layers_,
-        part.frozen_, part.prediction_, part.dirty_, part.resets_, part.missed_, part.logs_,
-        part.diverged_, part.forgotten_.has_value(), part.held_.has_value(),
-        part.held_ && part.held_->tried, part.store_, part.other_.has_value(),
-        part.accepted_.has_value(), part.abandoned_ ? part.abandoned_->docs : LayerDocs{},
+        part.joinAgainAt_.size(), part.frozen_, part.prediction_, part.dirty_, part.resets_,
+        part.missed_, part.logs_, part.diverged_, part.forgotten_.has_value(),
+        part.held_.has_value(), part.held_ && part.held_->tried, part.store_,
+        part.other_.has_value(), part.accepted_.has_value(),
+        part.abandoned_ ? part.abandoned_->docs : LayerDocs{},
         part.unanswered_ ? part.unanswered_->since : Revision(0),
         part.unanswered_ ? part.unanswered_->last : std::uint64_t(0));
 }

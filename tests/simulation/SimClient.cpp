@@ -485,9 +485,8 @@ void SimClient::on(const event::JoinFailed& event) {
 }
 
 void SimClient::on(const event::LayerMade& event) {
-    require(
-        std::ranges::count(session_.welcome()->layers, event.answer.layer, &LayerInfo::layer) == 1,
-        "a layer was created, but the project does not list it");
+    require(session_.projectLayers().contains(event.answer.layer),
+            "a layer was created, but the project does not list it");
 }
 
 // ---- another history

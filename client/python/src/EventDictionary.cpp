@@ -87,7 +87,8 @@ nb::dict convert(const client::event::Disconnected& event) {
 
 nb::dict convert(const client::event::LayersChanged& event) {
     nb::dict d = make("LayersChanged");
-    d["layers"] = strings(event.layers);
+    d["added"] = strings(event.added);
+    d["removed"] = strings(event.removed);
     return d;
 }
 

@@ -44,9 +44,10 @@ class Disconnected:
 
 @dataclasses.dataclass(frozen=True)
 class LayersChanged:
-    """The list of the project's layers has changed. `layers` is the new list."""
+    """Layers were added to the project, or removed from it. `Live.layers()` returns all."""
 
-    layers: tuple[str, ...]
+    added: tuple[str, ...]
+    removed: tuple[str, ...]
 
 
 @dataclasses.dataclass(frozen=True)

@@ -57,8 +57,7 @@ Result<std::unique_ptr<Link>> reach(const Common& options) {
 }
 
 bool hasLayer(const Link& link, const LayerId& layer) {
-    return std::ranges::any_of(link.welcome().layers,
-                               [&](const LayerInfo& info) { return info.layer == layer; });
+    return link.session().projectLayers().contains(layer);
 }
 
 Error noSuchLayer(const LayerId& layer) {
@@ -444,9 +443,7 @@ Result<void> list(const ListOptions& options) {
     const auto link = reach(options);
     if (!link) return tl::unexpected(link.error());
     if (options.skipped) return listSkipped(**link, options.json);
-    std::vector<LayerId> layers;
-    for (const auto& info : (*link)->welcome().layers) layers.push_back(info.layer);
-    std::sort(layers.begin(), layers.end());
+    const std::set<LayerId> layers = (*link)->session().projectLayers();
     (void)waitForStates(**link);  // a server without history sends no states; the names are enough
     const auto& known = (*link)->session().layerStates();
     const Palette palette = Palette::of(STDOUT_FILENO);
@@ -569,9 +566,7 @@ Result<void> setLocked(const Common& options, bool locked) {
 Result<void> unlockAll(const Common& options) {
     const auto link = reach(options);
     if (!link) return tl::unexpected(link.error());
-    std::vector<LayerId> layers;
-    for (const LayerInfo& info : (*link)->welcome().layers) layers.push_back(info.layer);
-    std::ranges::sort(layers);
+    const std::set<LayerId> layers = (*link)->session().projectLayers();
     Report report(options.json);
     std::size_t cleared = 0, failed = 0;
     for (const LayerId& layer : layers) {

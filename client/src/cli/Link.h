@@ -24,6 +24,7 @@ public:
                                                  double timeoutMs);
 
     [[nodiscard]] client::Session& session() { return *session_; }
+    [[nodiscard]] const client::Session& session() const { return *session_; }
     [[nodiscard]] const Welcome& welcome() const { return *session_->welcome(); }
 
     /// Works until something is received, for at most about 0.1 s. An error means that the

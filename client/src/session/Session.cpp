@@ -46,16 +46,18 @@ void Session::Impl::openLayer(const LayerId& layer) {
     if (!added) {
         if (!opened.wanted && !opened.joining) resets_.insert(layer);
         opened.wanted = true;
+        closed_.erase(layer);
         return;
     }
     opened.joining.emplace();
-    if (online_) join(layer, *opened.joining);
+    if (online_) join(layer);
 }
 
 void Session::Impl::closeLayer(const LayerId& layer) {
     const auto entry = layers_.find(layer);
     if (entry == layers_.end()) return;
     entry->second.wanted = false;
+    closed_.insert(layer);
     resets_.erase(layer);
 }
 
@@ -147,6 +149,7 @@ std::size_t Session::pendingTransactions() const {
 }
 std::uint64_t Session::writtenAgain() const { return impl_->writtenAgain(); }
 const std::optional<Welcome>& Session::welcome() const { return impl_->welcome_; }
+const std::set<LayerId>& Session::projectLayers() const { return impl_->projectLayers_; }
 const ClientId& Session::id() const { return impl_->options_.client; }
 void Session::requestBlob(const Hash& hash) { impl_->requestBlob(hash); }
 std::set<Hash> Session::namedBlobs() const { return impl_->namedBlobs(); }

@@ -194,7 +194,10 @@ public:
     [[nodiscard]] std::size_t pendingTransactions() const;
     /// Number of edits that later ones replaced before they were sent (SE15).
     [[nodiscard]] std::uint64_t writtenAgain() const;
+    /// The answer of the server to the last connection, without the list of layers.
     [[nodiscard]] const std::optional<Welcome>& welcome() const;
+    /// The layers of the project, as the server listed them last.
+    [[nodiscard]] const std::set<LayerId>& projectLayers() const;
     [[nodiscard]] const ClientId& id() const;
     /// Requests a big value that the view names and that is not here.
     void requestBlob(const Hash& hash);

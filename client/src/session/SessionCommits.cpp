@@ -60,14 +60,13 @@ void Session::Impl::apply(const Commit& commit) {
     }
     Prediction* current = frozen_ ? nullptr : follow(commit, own);
     const auto applied = applyCommit(confirmed_, log_, commit);
-    for (auto& [layer, opened] : layers_)
-        if (opened.joining) keepForLater(*opened.joining, layer, commit);
+    keepForLater(commit);
     if (!applied) {
         report({applied.error().code,
                 "this copy has diverged and is fetched again: " + applied.error().message});
         freeze();
         for (auto& [layer, opened] : layers_)
-            if (opened.joining) join(layer, *opened.joining);
+            if (opened.joining) join(layer);
         return;
     }
     if (!frozen_) applyToEditor(commit, own != nullptr, current);
@@ -75,9 +74,10 @@ void Session::Impl::apply(const Commit& commit) {
     prune();
 }
 
-void Session::Impl::keepForLater(Joining& joining, const LayerId& layer, const Commit& commit) {
+void Session::Impl::keepForLater(const Commit& commit) {
     for (const Edit& edit : commit.edits)
-        if (edit.layer == layer) joining.later.emplace_back(commit.revision, edit);
+        if (Joining* joining = joiningOf(edit.layer))
+            joining->later.emplace_back(commit.revision, edit);
 }
 
 bool Session::Impl::isPending(std::uint64_t sequence) const {
@@ -234,34 +234,38 @@ void Session::Impl::prune() {
 // ---- joining
 
 void Session::Impl::completeJoins() {
-    bool joined = false;
-    for (auto& [layer, opened] : layers_) {
-        if (!opened.joining || !completeJoin(layer, *opened.joining)) continue;
-        if (!opened.joining->again || !frozen_) resets_.insert(layer);
-        opened.joining.reset();
-        joined = true;
+    std::vector<LayerId> whole;
+    for (const auto& [request, layer] : joins_) {
+        const Incoming& snapshot = joiningOf(layer)->snapshot;
+        if (snapshot.content && snapshot.opened && snapshot.opened->revision <= revision_)
+            whole.push_back(layer);
     }
+    bool joined = false;
+    for (const LayerId& layer : whole) joined = completeJoin(layer) || joined;
+    if (!whole.empty()) sendJoins();
     if (!joined) return;
     if (rebuild_) restartPrediction();
     presentAgain();
 }
 
-bool Session::Impl::completeJoin(const LayerId& layer, Joining& joining) {
-    Incoming& snapshot = joining.snapshot;
-    if (!snapshot.content || !snapshot.opened || snapshot.opened->revision > revision_)
-        return false;
+bool Session::Impl::completeJoin(const LayerId& layer) {
+    OpenedLayer& opened = layers_.at(layer);
+    const Incoming& snapshot = opened.joining->snapshot;
     requests_.forget(snapshot.request);
-    LayerDoc doc = *std::exchange(snapshot.content, std::nullopt);
+    joins_.erase(snapshot.request);
+    LayerDoc doc = *std::exchange(opened.joining->snapshot.content, std::nullopt);
     // A frozen layer is reset at the thaw, all at once.
-    if (layers_.at(layer).wanted && !frozen_) editor_.arrived(layer, doc);
-    for (const auto& [revision, edit] : joining.later) {
+    if (opened.wanted && !frozen_) editor_.arrived(layer, doc);
+    for (const auto& [revision, edit] : opened.joining->later) {
         if (revision <= snapshot.opened->revision) continue;
         if (doc.apply(edit.address.path, edit.action)) continue;
-        joining.later.clear();
-        join(layer, joining);  // the content does not fit to its commits
+        opened.restart();  // the content does not fit to its commits
+        toJoin_.push_back(layer);
         return false;
     }
     confirmed_.insert_or_assign(layer, std::move(doc));
+    if (!opened.joining->again || !frozen_) resets_.insert(layer);
+    opened.joining.reset();
     return true;
 }
 

@@ -1,8 +1,10 @@
 // The connection of a session: hello and welcome, resuming, and what happens when it is lost.
 #include <algorithm>
+#include <iterator>
 
 #include "SessionImpl.h"
 #include "usdlive/common/core/ErrorPasses.h"
+#include "usdlive/common/protocol/ServerControl.h"
 
 namespace usdlive::client {
 
@@ -42,22 +44,28 @@ std::string lostBefore(const Error& reason) {
            (reason.message.empty() ? "" : ": " + reason.message);
 }
 
-// Called before requests are ended: layers that are being joined are requested again with the next
-// connection, whatever the answer was.
-void restartJoins(auto& layers) {
-    for (auto& [layer, opened] : layers)
-        if (opened.joining) opened.restart();
+// Removes layers from the end of the list, as many as fit into a control message of a client.
+std::vector<LayerId> takeSome(std::vector<LayerId>& layers) {
+    constexpr std::size_t kMostBytes = 1024 * 1024, kMost = 100'000;
+    std::vector<LayerId> some;
+    for (std::size_t bytes = 0; !layers.empty() && bytes < kMostBytes && some.size() < kMost;) {
+        some.push_back(std::move(layers.back()));
+        layers.pop_back();
+        bytes += some.back().value.size();
+    }
+    return some;
 }
 
 }  // namespace
 
 void Session::Impl::connected() {
-    restartJoins(layers_);
+    restartJoins();
     requests_.endAll("another connection took the place of the one that was to answer");
     linked_ = true;
     forgotten_.reset();
     diverged_ = false;
     inbox_.clear();
+    nextProjectLayers_.clear();
     takesCompact_ = false;
     names_ = {};
     namesSent_ = {};
@@ -74,9 +82,10 @@ void Session::Impl::connected() {
         hello.resume = Hello::Resume{commitEpoch_, revision_, hash_};
         if (!store_.empty()) hello.resume->store = store_;
         if (hasUnanswered()) hello.resume->unansweredSince = unanswered_->since;
-        hello.open.emplace();
+        toKeep_.clear();
         for (const auto& [layer, opened] : layers_)
-            if (opened.wanted && !opened.joining) hello.open->push_back(layer);
+            if (opened.wanted && !opened.joining) toKeep_.push_back(layer);
+        hello.open = takeSome(toKeep_);
     }
     sendControl(hello);
 }
@@ -97,7 +106,8 @@ void Session::Impl::noteUnanswered() {
 void Session::Impl::disconnected(Error reason, std::size_t unconfirmed) {
     const bool wasLinked = std::exchange(linked_, false);
     online_ = false;
-    restartJoins(layers_);
+    // Before the requests are ended: the layers are requested again with the next connection.
+    restartJoins();
     // The next connection brings again what was received and not read, except errors.
     for (const Result<Received>& received : std::exchange(inbox_, {})) {
         const auto* control = received ? std::get_if<ControlMessage>(&*received) : nullptr;
@@ -167,7 +177,9 @@ void Session::Impl::on(const Welcome& message) {
     }
     other_.reset();
     accepted_.reset();
+    auto added = replaceProjectLayers(message.layers);
     welcome_ = message;
+    welcome_->layers.clear();
     epoch_ = message.epoch;
     store_ = message.store.value_or(store_);
     online_ = true;
@@ -186,12 +198,35 @@ void Session::Impl::on(const Welcome& message) {
         commitEpoch_ = 0;
         hasHistory_ = true;
     }
+    keepLayers(message);
     for (auto& [layer, opened] : layers_)
-        if (opened.joining) join(layer, *opened.joining);
+        if (opened.joining) join(layer);
     for (Missed& missed : missed_) missed.asked = false;
     readMissed();
     if (gesture_) gesture_->changed = !gesture_->pending.authored.empty();
-    events_.push_back(event::Connected{message, message.resumed, leaves});
+    events_.push_back(event::Connected{*welcome_, message.resumed, leaves, std::move(added)});
+}
+
+// SE9: replaces the list by the one that came before the welcome or, from a server without the
+// feature, with it. Returns the new ones.
+std::vector<LayerId> Session::Impl::replaceProjectLayers(const std::vector<LayerInfo>& listed) {
+    std::set<LayerId> before = std::exchange(projectLayers_, std::exchange(nextProjectLayers_, {}));
+    for (const LayerInfo& info : listed) projectLayers_.insert(info.layer);
+    std::vector<LayerId> added;
+    std::ranges::set_difference(projectLayers_, before, std::back_inserter(added));
+    return added;
+}
+
+// SE2: names the open layers for which the hello had no room. A server that does not know the
+// message would end the session: it gets them as layers that are opened again.
+void Session::Impl::keepLayers(const Welcome& welcome) {
+    const bool knows = std::ranges::count(welcome.features, kLayerListFeature) > 0;
+    while (welcome.resumed && knows && !toKeep_.empty()) sendControl(KeepLayers{takeSome(toKeep_)});
+    if (welcome.resumed)
+        for (const LayerId& layer : toKeep_)
+            if (const auto opened = layers_.find(layer); opened != layers_.end())
+                opened->second.restart();
+    toKeep_.clear();
 }
 
 // ID2: returns how the history of the server differs from the one that the client has.
@@ -244,11 +279,26 @@ void Session::Impl::loseSent(const Error& why) {
     for (const std::uint64_t sequence : sent) lose(*pending_.take(sequence), why);
 }
 
-void Session::Impl::on(const ProjectLayers& message) {
-    if (!welcome_) return;
-    welcome_->layers = message.layers;
+void Session::Impl::on(const LayerList& message) {
+    std::set<LayerId>& list = online_ ? projectLayers_ : nextProjectLayers_;
     event::LayersChanged changed;
-    for (const LayerInfo& info : message.layers) changed.layers.push_back(info.layer);
+    for (const LayerId& layer : message.removed)
+        if (list.erase(layer) > 0) changed.removed.push_back(layer);
+    for (const LayerId& layer : message.added)
+        if (list.insert(layer).second) changed.added.push_back(layer);
+    if (list.size() > kMaxLayers)
+        return protocolFault({ErrorCode::MalformedControl,
+                              "the server listed more than " + std::to_string(kMaxLayers) +
+                                  " layers, the most that a project has"});
+    if (online_ && !(changed.added.empty() && changed.removed.empty()))
+        events_.push_back(std::move(changed));
+}
+
+void Session::Impl::on(const ProjectLayers& message) {
+    if (!online_) return;
+    std::set<LayerId> before = projectLayers_;
+    event::LayersChanged changed{.added = replaceProjectLayers(message.layers), .removed = {}};
+    std::ranges::set_difference(before, projectLayers_, std::back_inserter(changed.removed));
     events_.push_back(std::move(changed));
 }
 

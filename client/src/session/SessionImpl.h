@@ -46,7 +46,6 @@ struct Joining {
     Incoming snapshot;
     std::vector<std::pair<Revision, Edit>> later;  ///< committed since the request
     bool again = false;                            ///< it was joined before, in another history
-    std::optional<std::int64_t> retryAtMs;  ///< the server could not read it; requested again then
 };
 
 /// Parts: Session.cpp (layers), SessionConnection.cpp (hello, resuming, received messages),
@@ -89,6 +88,7 @@ public:
     const Options options_;
     std::vector<Event> events_;
     std::optional<Welcome> welcome_;
+    std::set<LayerId> projectLayers_;
     Revision revision_ = 0;
     PendingTransactions pending_;
     std::optional<Gesture> gesture_;
@@ -178,6 +178,7 @@ private:
     void handle(RefusalFrame&& frame);
     void handle(ReceivedBlob&& blob);
     void on(const Welcome& message);
+    void on(const LayerList& message);
     void on(const ProjectLayers& message);
     void on(const LayerOpened& message);
     void on(const BlobStored& message);
@@ -230,13 +231,17 @@ private:
     std::uint64_t sendRequest(Request& request);
     [[nodiscard]] std::optional<ErrorMessage> whyNot(std::uint64_t number, std::string_view type,
                                                      std::string_view feature) const;
-    void join(const LayerId& layer, Joining& joining);
+    void join(const LayerId& layer);
+    void sendJoins();
+    void restartJoins();
+    [[nodiscard]] Joining* joiningOf(const LayerId& layer);
+    [[nodiscard]] Joining* joiningOf(std::uint64_t request);
     void joinFailed(const OpenLayer& open, const ErrorMessage& message);
     void joinAgain();
 
     // SessionCommits.cpp
     void apply(const Commit& commit);
-    static void keepForLater(Joining& joining, const LayerId& layer, const Commit& commit);
+    void keepForLater(const Commit& commit);
     void applyToEditor(const Commit& commit, bool own, Prediction* current);
     Prediction* follow(const Commit& commit, const Pending* own);
     void acknowledge(const Commit& commit, Prediction* current);
@@ -244,7 +249,7 @@ private:
     void reportDropped(const Pending& pending, const Commit& commit);
     void completeJoins();
     void completePeeks();
-    bool completeJoin(const LayerId& layer, Joining& joining);
+    bool completeJoin(const LayerId& layer);
     void prune();
     void lose(Pending pending, Error reason);
     bool resubmit(std::uint64_t sequence);
@@ -334,10 +339,18 @@ private:
     std::optional<Unanswered> unanswered_;
     [[nodiscard]] bool hasUnanswered() const;
     void noteUnanswered();
+    std::vector<LayerId> replaceProjectLayers(const std::vector<LayerInfo>& listed);
+    void keepLayers(const Welcome& welcome);
     LayerDocs confirmed_;
     NamespaceLog log_;
     OwnCreations creations_;
     std::map<LayerId, OpenedLayer> layers_;
+    std::set<LayerId> closed_;                     // those of layers_ that are not wanted
+    std::map<std::uint64_t, LayerId> joins_;       // by unanswered request
+    std::deque<LayerId> toJoin_;                   // requested when others are answered
+    std::map<LayerId, std::int64_t> joinAgainAt_;  // layers that the server could not read
+    std::set<LayerId> nextProjectLayers_;          // those that were listed before the welcome
+    std::vector<LayerId> toKeep_;                  // open layers for which the hello had no room
     std::optional<Frozen> frozen_;
     std::optional<Abandoned> abandoned_;
 

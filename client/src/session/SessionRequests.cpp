@@ -11,6 +11,7 @@ namespace usdlive::client {
 namespace {
 
 constexpr std::int64_t kAskAgainMs = 1000;
+constexpr std::size_t kJoinsAtOnce = 1'000;
 
 }  // namespace
 
@@ -87,41 +88,71 @@ void Session::Impl::on(const RequestProgress& message) {
 
 // ---- a layer's content
 
-void Session::Impl::join(const LayerId& layer, Joining& joining) {
-    const OpenLayer open{requests_.nextNumber(), layer, 0};
-    joining.snapshot = {open.request, {}, {}};
-    requests_.add(open, [this, open](const auto& outcome) {
-        if (!outcome) joinFailed(open, outcome.error());
-    });
-    sendControl(open);
+Joining* Session::Impl::joiningOf(const LayerId& layer) {
+    const auto opened = layers_.find(layer);
+    return opened != layers_.end() && opened->second.joining ? &*opened->second.joining : nullptr;
+}
+
+Joining* Session::Impl::joiningOf(std::uint64_t request) {
+    const auto join = joins_.find(request);
+    return join == joins_.end() ? nullptr : joiningOf(join->second);
+}
+
+void Session::Impl::join(const LayerId& layer) {
+    toJoin_.push_back(layer);
+    sendJoins();
+}
+
+// A server keeps requests until they are answered, so it does not get those of all layers at once.
+void Session::Impl::sendJoins() {
+    while (!toJoin_.empty() && joins_.size() < kJoinsAtOnce) {
+        const OpenLayer open{requests_.nextNumber(), std::move(toJoin_.front()), 0};
+        toJoin_.pop_front();
+        Joining* joining = joiningOf(open.layer);
+        if (!joining || joining->snapshot.request != 0) continue;
+        joining->snapshot = {open.request, {}, {}};
+        joins_.emplace(open.request, open.layer);
+        requests_.add(open, [this, open](const auto& outcome) {
+            if (!outcome) joinFailed(open, outcome.error());
+        });
+        sendControl(open);
+    }
+}
+
+// Drops what has arrived of layers that are being joined.
+void Session::Impl::restartJoins() {
+    for (auto& [layer, opened] : layers_)
+        if (opened.joining) opened.restart();
+    joins_.clear();
+    toJoin_.clear();
+    joinAgainAt_.clear();
 }
 
 void Session::Impl::joinFailed(const OpenLayer& open, const ErrorMessage& message) {
+    if (joins_.erase(open.request) == 0) return;  // requested again, or closed
     const auto entry = layers_.find(open.layer);
-    if (entry == layers_.end()) return;
-    auto& joining = entry->second.joining;
-    if (!joining || joining->snapshot.request != open.request) return;  // requested again
     const Error error = toError(message);
-    // Own work may wait for this layer.
-    if (joining->again && errorPasses(error.code)) {
+    if (entry->second.joining->again && errorPasses(error.code)) {
+        // Own work may wait for this layer.
         entry->second.restart();
-        joining->retryAtMs = nowMs_ + kAskAgainMs;
+        joinAgainAt_[open.layer] = nowMs_ + kAskAgainMs;
         events_.push_back(event::ServerError{message});
-        return;
+    } else {
+        if (entry->second.wanted) events_.push_back(event::JoinFailed{entry->first, error});
+        if (frozen_) frozen_->views.erase(entry->first);
+        closed_.erase(entry->first);
+        layers_.erase(entry);
     }
-    if (entry->second.wanted) events_.push_back(event::JoinFailed{entry->first, error});
-    if (frozen_) frozen_->views.erase(entry->first);
-    layers_.erase(entry);
+    sendJoins();
 }
 
 // Requests again what the server could not read.
 void Session::Impl::joinAgain() {
-    for (auto& [layer, opened] : layers_) {
-        if (!opened.joining || !opened.joining->retryAtMs || *opened.joining->retryAtMs > nowMs_)
-            continue;
-        opened.joining->retryAtMs.reset();
-        join(layer, *opened.joining);
+    for (auto entry = joinAgainAt_.begin(); entry != joinAgainAt_.end();) {
+        if (entry->second <= nowMs_) toJoin_.push_back(entry->first);
+        entry = entry->second <= nowMs_ ? joinAgainAt_.erase(entry) : std::next(entry);
     }
+    sendJoins();
 }
 
 void Session::Impl::peek(const LayerId& layer, Revision revision,
@@ -160,19 +191,17 @@ void Session::Impl::completePeeks() {
 }
 
 void Session::Impl::on(const LayerOpened& message) {
-    for (auto& [layer, opened] : layers_)
-        if (opened.joining && opened.joining->snapshot.request == message.request)
-            opened.joining->snapshot.opened = message;
+    if (Joining* joining = joiningOf(message.request)) joining->snapshot.opened = message;
     for (Peek& peek : peeks_)
         if (peek.snapshot.request == message.request) peek.snapshot.opened = message;
 }
 
 void Session::Impl::handle(ReceivedSnapshot&& received) {
-    for (auto& [layer, opened] : layers_) {
-        if (!opened.joining || opened.joining->snapshot.request != received.request) continue;
-        Incoming& snapshot = opened.joining->snapshot;
+    if (Joining* joining = joiningOf(received.request)) {
+        const LayerId& layer = joins_.at(received.request);
+        Incoming& snapshot = joining->snapshot;
         snapshot.content = std::move(received.whole);
-        if (!opened.wanted) return;
+        if (closed_.contains(layer)) return;
         editor_.arriving(layer, std::move(received.part));
         const std::uint64_t total = snapshot.opened ? snapshot.opened->specs : 0;
         events_.push_back(event::Joining{{layer, received.specs, total}});

@@ -233,6 +233,7 @@ void Session::Impl::freeze() {
     }
     // Also those that are being joined: the commits that follow their content are unknown.
     for (auto& [layer, opened] : layers_) opened.restart();
+    restartJoins();
     restartPrediction();
     dirty_ = false;
     host_.discard(std::make_shared<LayerDocs>(std::exchange(confirmed_, {})));
@@ -296,19 +297,24 @@ bool Session::Impl::ownWorkOn(const LayerId& layer) const {
 }
 
 void Session::Impl::dropClosed() {
-    for (auto entry = layers_.begin(); entry != layers_.end();) {
-        const LayerId& layer = entry->first;
-        const OpenedLayer& opened = entry->second;
-        if (opened.wanted || ownWorkOn(layer)) {
+    for (auto entry = closed_.begin(); entry != closed_.end();) {
+        const LayerId& layer = *entry;
+        if (ownWorkOn(layer)) {
             ++entry;
             continue;
         }
-        const bool asked = !opened.joining || opened.joining->snapshot.request != 0;
+        const Joining* joining = joiningOf(layer);
+        const bool asked = !joining || joining->snapshot.request != 0;
         if (online_ && asked) sendControl(CloseLayer{layer});
+        if (joining) {
+            requests_.forget(joining->snapshot.request);
+            joins_.erase(joining->snapshot.request);
+        }
         if (auto closed = confirmed_.extract(layer))
             host_.discard(std::make_shared<LayerDoc>(std::move(closed.mapped())));
         if (rebuild_ || prediction_.predicts(layer)) restartPrediction();
-        entry = layers_.erase(entry);
+        layers_.erase(layer);
+        entry = closed_.erase(entry);
     }
 }
 

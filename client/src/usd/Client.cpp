@@ -93,7 +93,10 @@ std::optional<Error> Client::filesProblem() const {
     return impl_->files().problem();  // set by connect()
 }
 
-std::vector<LayerId> Client::layers() const { return here("layers").layers().ofProject(); }
+std::vector<LayerId> Client::layers() const {
+    const std::set<LayerId>& all = here("layers").layers().ofProject();
+    return {all.begin(), all.end()};
+}
 
 Result<pxr::SdfLayerRefPtr> Client::openLayer(const LayerId& layer, LoadSet load) {
     if (auto error = misuse("openLayer", true)) return tl::unexpected(*error);

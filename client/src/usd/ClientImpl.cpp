@@ -26,14 +26,11 @@ constexpr const char* kCachePrefix = "usdlive-cache-";
 // The budget of the last tick of a client.
 constexpr double kLastBudgetMs = 50;
 
-// Returns the layers of the project if the event tells them.
-std::optional<std::vector<LayerId>> layersOfProject(const client::Event& event) {
-    if (const auto* changed = std::get_if<event::LayersChanged>(&event)) return changed->layers;
+// Returns the new layers of the project if the event tells them.
+const std::vector<LayerId>* newLayers(const client::Event& event) {
+    if (const auto* changed = std::get_if<event::LayersChanged>(&event)) return &changed->added;
     const auto* connected = std::get_if<event::Connected>(&event);
-    if (!connected) return std::nullopt;
-    std::vector<LayerId> layers;
-    for (const LayerInfo& info : connected->welcome.layers) layers.push_back(info.layer);
-    return layers;
+    return connected ? &connected->newLayers : nullptr;
 }
 
 }  // namespace
@@ -158,8 +155,10 @@ void Client::Impl::work(double budgetMs, TickResult& result, Seal seal) {
         // A new layer and the edit that names it may arrive in one tick. Composition opens the
         // layer at the end of the block.
         for (const client::Event& one : happened)
-            if (auto layers = layersOfProject(one))
-                late_.add(layers_.setOfProject(*std::move(layers)));
+            if (const auto* added = newLayers(one)) {
+                layers_.projectChanged(*added);
+                late_.add(*added);
+            }
         layers_.makeNamedFindable();
         late_.compose();
     }

@@ -39,7 +39,7 @@ bool ClipFiles::hasArc(const LayerId& id) const {
 }
 
 void ClipFiles::addClips(const pxr::SdfLayerHandle& layer, const std::set<std::string>& assets,
-                         const std::vector<LayerId>& project) {
+                         const std::set<LayerId>& project) {
     if (!projectFiles_.isStarted()) return;
     for (const std::string& asset : assets) {
         const auto id = named(layer, asset);
@@ -71,10 +71,12 @@ void ClipFiles::closed(const LayerId& id) {
     if (areClips(id) && mayBeFile_(id) && !hasArc(id)) mark(id);
 }
 
-void ClipFiles::setOfProject(const std::vector<LayerId>& project) {
+void ClipFiles::projectChanged(const std::vector<LayerId>& added) {
     // A file that is gone stays one, because it may come back.
     for (const LayerId& id : named_) add(id);
-    for (const LayerId& pattern : templates_) addMatching(pattern, project);
+    const std::set<LayerId> sorted =
+        templates_.empty() ? std::set<LayerId>() : std::set(added.begin(), added.end());
+    for (const LayerId& pattern : templates_) addMatching(pattern, sorted);
 }
 
 void ClipFiles::add(const LayerId& id) {
@@ -87,9 +89,9 @@ void ClipFiles::mark(const LayerId& id) {
     if (files_.insert(id).second) projectFiles_.readAsFile(id.value, true);
 }
 
-void ClipFiles::addMatching(const LayerId& pattern, const std::vector<LayerId>& project) {
+void ClipFiles::addMatching(const LayerId& pattern, const std::set<LayerId>& project) {
     const std::string prefix = pattern.value.substr(0, pattern.value.find('#'));
-    for (auto id = std::ranges::lower_bound(project, LayerId{prefix});
+    for (auto id = project.lower_bound(LayerId{prefix});
          id != project.end() && id->value.starts_with(prefix); ++id)
         if (usd::matchesTemplate(pattern.value, id->value)) add(*id);
 }

@@ -37,16 +37,16 @@ public:
     [[nodiscard]] bool areClips(const LayerId& id) const;
 
     /// Call it with the asset paths and templates of clips in a live layer, before Sdf notifies of
-    /// them. `project` has the layers of the project, sorted.
+    /// them. `project` has the layers of the project.
     void addClips(const pxr::SdfLayerHandle& layer, const std::set<std::string>& assets,
-                  const std::vector<LayerId>& project);
+                  const std::set<LayerId>& project);
     /// Call it with the asset paths of arcs in a live layer, before those of its clips.
     void addArcs(const pxr::SdfLayerHandle& layer, const std::set<std::string>& assets);
     /// Call it before a layer is opened live, and when the editor has closed it.
     void opens(const LayerId& id);
     void closed(const LayerId& id);
-    /// Call it when the layers of the project have changed.
-    void setOfProject(const std::vector<LayerId>& project);
+    /// Call it when the layers of the project have changed. `added` were not in it before.
+    void projectChanged(const std::vector<LayerId>& added);
 
 private:
     [[nodiscard]] std::optional<LayerId> named(const pxr::SdfLayerHandle& layer,
@@ -54,7 +54,7 @@ private:
     [[nodiscard]] bool hasArc(const LayerId& id) const;
     void add(const LayerId& id);
     void mark(const LayerId& id);
-    void addMatching(const LayerId& pattern, const std::vector<LayerId>& project);
+    void addMatching(const LayerId& pattern, const std::set<LayerId>& project);
 
     const LayerPlaces& places_;
     ProjectFiles& projectFiles_;

@@ -41,23 +41,18 @@ std::optional<LayerId> OpenLayers::idOf(const pxr::SdfLayerHandle& layer) const 
 
 // --- the project
 
-bool OpenLayers::isOfProject(const LayerId& id) const {
-    return std::ranges::binary_search(ofProject_, id);
-}
+const std::set<LayerId>& OpenLayers::ofProject() const { return with_.session.projectLayers(); }
 
-std::vector<LayerId> OpenLayers::setOfProject(std::vector<LayerId> layers) {
-    std::ranges::sort(layers);
-    std::vector<LayerId> added;
-    std::ranges::set_difference(layers, ofProject_, std::back_inserter(added));
+bool OpenLayers::isOfProject(const LayerId& id) const { return ofProject().contains(id); }
+
+void OpenLayers::projectChanged(const std::vector<LayerId>& added) {
     // The project may have the failed layers now, and layers that others use.
     failed_.clear();
     for (auto& [id, awaited] : awaited_) awaited.retryAtMs = 0;
     if (!added.empty()) used_.clear();
-    with_.places.add(added, ofProject_.empty() ? kFirstFindableMs : kFindableMs);
-    ofProject_ = std::move(layers);
+    with_.places.add(added, std::exchange(knowsProject_, true) ? kFindableMs : kFirstFindableMs);
     std::erase_if(guessed_, [this](const LayerId& id) { return isOfProject(id); });
-    clips_.setOfProject(ofProject_);
-    return added;
+    clips_.projectChanged(added);
 }
 
 // --- opening
@@ -94,7 +89,7 @@ Result<void> OpenLayers::join(const LayerId& id, const pxr::SdfLayerRefPtr& laye
             [this](Error error) { with_.events.report(std::move(error)); },
             [this, id] { live_.wake(id); },
             [this, layer](const std::set<std::string>& assets) {
-                clips_.addClips(layer, assets, ofProject_);
+                clips_.addClips(layer, assets, ofProject());
             },
             [this, layer](const std::set<std::string>& assets) { openNamed(layer, assets); }}));
     followLock(id);
@@ -325,7 +320,7 @@ void OpenLayers::makeNamedFindable() {
         clips_.addArcs(live->layer(), named.arcs);
         if (!named.clips.empty()) clips.emplace_back(live, named.clips);
     }
-    for (const auto& [live, named] : clips) clips_.addClips(live->layer(), named, ofProject_);
+    for (const auto& [live, named] : clips) clips_.addClips(live->layer(), named, ofProject());
     if (with_.places.isComplete()) return;
     for (const LiveLayer* live : live_.active()) {
         if (!live->usesChanged()) continue;

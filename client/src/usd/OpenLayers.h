@@ -51,10 +51,10 @@ public:
 
     // The project.
     /// Returns the layers of the project, sorted.
-    [[nodiscard]] const std::vector<LayerId>& ofProject() const { return ofProject_; }
+    [[nodiscard]] const std::set<LayerId>& ofProject() const;
     [[nodiscard]] bool isOfProject(const LayerId& id) const;
-    /// Returns the layers that were not in the project before.
-    std::vector<LayerId> setOfProject(std::vector<LayerId> layers);
+    /// Call it when the layers of the project have changed. `added` were not in it before.
+    void projectChanged(const std::vector<LayerId>& added);
 
     // Opening.
     /// Makes a layer of this client's own place live. Errors: LayerNotFound, LayerUnreadable,
@@ -121,7 +121,7 @@ private:
     void joinAwaited(std::int64_t nowMs);
 
     const Surroundings with_;
-    std::vector<LayerId> ofProject_;
+    bool knowsProject_ = false;
     LiveSet live_;
     ClipFiles clips_;
     LayerViews views_;

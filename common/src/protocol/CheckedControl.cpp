@@ -3,8 +3,19 @@
 
 namespace usdlive {
 
+Result<void> checkClientControl(std::string_view json) {
+    constexpr std::size_t kMostBytes = 4 * 1024 * 1024, kMostValues = 131'072;
+    std::size_t values = 0;  // at most; also counts these characters in texts
+    for (const char character : json)
+        values += character == ',' || character == '[' || character == '{';
+    if (json.size() <= kMostBytes && values <= kMostValues) return {};
+    return fail(ErrorCode::MalformedControl,
+                "a control message of a client has at most 4 MiB and 131,072 values");
+}
+
 Result<std::string> encodeChecked(const ControlMessage& message) {
     std::string control = encodeControl(message);
+    if (auto fits = checkClientControl(control); !fits) return tl::unexpected(fits.error());
     const auto read = decodeControl(control);
     if (!read) return tl::unexpected(read.error());
     if (*read == message) return control;

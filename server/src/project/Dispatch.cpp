@@ -4,24 +4,9 @@
 
 #include "ProjectImpl.h"
 #include "usdlive/common/core/Overloaded.h"
+#include "usdlive/common/protocol/CheckedControl.h"
 
 namespace usdlive::server {
-
-namespace {
-
-// FR20: parsing a larger one would delay the other sessions.
-constexpr std::size_t kMostControlBytes = 4 * 1024 * 1024;
-constexpr std::size_t kMostControlValues = 131'072;
-
-bool isTooLarge(const std::string& json) {
-    if (json.size() > kMostControlBytes) return true;
-    std::size_t values = 0;  // at most; also counts these characters in texts
-    for (const char character : json)
-        values += character == ',' || character == '[' || character == '{';
-    return values > kMostControlValues;
-}
-
-}  // namespace
 
 void Project::Impl::connected(SessionId id) { sessions_.add(id); }
 
@@ -93,11 +78,24 @@ void Project::Impl::receiveCompact(Session& session, ByteView bytes) {
                *content);
 }
 
+namespace {
+
+/// Returns the number of a request.
+std::optional<std::uint64_t> requestNumber(const ControlMessage& message) {
+    return std::visit(
+        []<class Message>(const Message& content) -> std::optional<std::uint64_t> {
+            if constexpr (IsRequest<Message>)
+                return content.request;
+            else
+                return std::nullopt;
+        },
+        message);
+}
+
+}  // namespace
+
 void Project::Impl::receiveControl(Session& session, const std::string& json) {
-    if (isTooLarge(json))
-        return sessions_.close(session, {ErrorCode::MalformedControl,
-                                         "a control message of a client has at most 4 MiB and "
-                                         "131,072 values"});
+    if (auto fits = checkClientControl(json); !fits) return sessions_.close(session, fits.error());
     const auto message = decodeControl(json);
     if (!message) return sessions_.close(session, message.error());
     const auto* hello = std::get_if<Hello>(&*message);
@@ -106,12 +104,17 @@ void Project::Impl::receiveControl(Session& session, const std::string& json) {
     if (hello) return greeting_.greet(session, *hello);
     if (!session.isGreeted())
         return sessions_.close(session, {ErrorCode::NotGreeted, "the first frame was not a hello"});
+    constexpr std::size_t kRequestBytes = 256;  // in addition to its content
+    const auto request = requestNumber(*message);
+    if (request && !sessions_.takeForRequest(session, *request, json.size() + kRequestBytes))
+        return;
     receive(session, *message);
 }
 
 void Project::Impl::receive(Session& session, const ControlMessage& message) {
     std::visit(Overloaded{
                    [&](const OpenLayer& request) { openings_.open(session, request); },
+                   [&](const KeepLayers& kept) { greeting_.keepOpen(session, kept.layers); },
                    [&](const CloseLayer& request) { sessions_.closeLayer(session, request.layer); },
                    [&](const ShowPresence& shown) { presences_.show(session, shown.presence); },
                    [&](const RequestBlob& request) { values_.request(session, request); },

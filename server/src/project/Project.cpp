@@ -4,8 +4,7 @@
 #include <span>
 
 #include "ProjectImpl.h"
-#include "usdlive/common/core/ByteStream.h"
-#include "usdlive/common/protocol/ServerControl.h"
+#include "sessions/UpdateFrames.h"
 
 namespace usdlive::server {
 
@@ -29,26 +28,6 @@ Result<StoreState> readState(const CommitStore& store, const Project::Options& o
     state.unsaved = std::move(*unsaved);
     return state;
 }
-
-namespace {
-
-/// Encodes messages with parts of a list, each of about kUpdateBytes. `make` makes a message of
-/// some elements.
-template <class Element, class Make>
-void appendUpdates(Bytes& frames, std::span<const Element> list, const Make& make) {
-    std::size_t count = std::min<std::size_t>(list.size(), 1'000);
-    for (; !list.empty(); list = list.subspan(count)) {
-        count = std::min(count, list.size());
-        std::string json = encodeControl(make(list.first(count)));
-        // A message with fewer elements follows if this one has become too large.
-        for (; json.size() > kUpdateBytes && count > 1;
-             json = encodeControl(make(list.first(count))))
-            count /= 2;
-        appendBytes(frames, encodeFrame(ControlFrame{std::move(json)}));
-    }
-}
-
-}  // namespace
 
 SharedBytes encodeStateUpdate(const StateUpdate& update) {
     Bytes frames;

@@ -8,6 +8,7 @@
 #include "files/NewLayers.h"
 #include "files/Reloads.h"
 #include "files/Saves.h"
+#include "layers/LayerLists.h"
 #include "layers/Snapshots.h"
 #include "layers/StateBoard.h"
 #include "sessions/PresenceBoard.h"
@@ -69,6 +70,7 @@ private:
 
     SuspectLayers suspects_;
     LayerTable layers_;
+    LayerLists layerLists_;
     FileStates fileStates_;
     StateBoard states_;
     Snapshots snapshots_;

@@ -9,7 +9,7 @@ namespace usdlive::server {
 
 bool Seats::makeRoom(TimePoint now) {
     const std::lock_guard lock(table_->mutex);
-    return table_->counts.guests < table_->limits.guests || table_->letOneGo(now);
+    return table_->seats.used() < table_->limits.guests || table_->letOneGo(now);
 }
 
 bool Seats::letOneGo(TimePoint now) {
@@ -19,25 +19,22 @@ bool Seats::letOneGo(TimePoint now) {
 
 std::unique_ptr<Seat> Seats::take(const std::string& address, TimePoint now) {
     const std::lock_guard lock(table_->mutex);
-    ++table_->counts.guests;
-    table_->guests.push_back({address, now, 0, {}, false});
+    table_->seats.take(address, 1);
+    table_->guests.push_back({address, now, {}, false});
     return std::unique_ptr<Seat>(new Seat(table_, std::prev(table_->guests.end())));
 }
 
 Seats::Counts Seats::counts() const {
     const std::lock_guard lock(table_->mutex);
-    return table_->counts;
+    return {table_->seats.used(), table_->members, table_->bytes.used(), table_->gaveWay};
 }
 
 bool Seats::Table::letOneGo(TimePoint now) {
-    std::map<std::string, std::size_t> ofAddress;
-    for (const Guest& guest : guests)
-        if (!guest.isLeaving) ++ofAddress[guest.address];
     Guest* chosen = nullptr;
     for (Guest& guest : guests) {
         if (guest.isLeaving || now - guest.moved < limits.patience) continue;
         const auto order = [&](const Guest& one) {
-            return std::pair(ofAddress[one.address], now - one.moved);
+            return std::pair(seats.of(one.address), now - one.moved);
         };
         if (!chosen || order(guest) > order(*chosen)) chosen = &guest;
     }
@@ -45,23 +42,23 @@ bool Seats::Table::letOneGo(TimePoint now) {
     return chosen != nullptr;
 }
 
-void Seats::Table::uncount(const Guest& guest) {
+void Seats::Table::uncount(Guest& guest) {
     if (guest.isLeaving) return;
-    --counts.guests;
-    counts.guestBytes -= guest.bytes;
+    seats.giveBack(guest.address, 1);
+    bytes.giveBackAll(&guest);
 }
 
 void Seats::Table::letGo(Guest& guest) {
     uncount(guest);
     guest.isLeaving = true;
-    ++counts.gaveWay;
+    ++gaveWay;
     if (const auto giveWay = std::exchange(guest.giveWay, nullptr)) giveWay();
 }
 
 Seat::~Seat() {
     const std::lock_guard lock(table_->mutex);
     if (isMember_) {
-        --table_->counts.members;
+        --table_->members;
     } else {
         table_->uncount(*guest_);
         table_->guests.erase(guest_);
@@ -84,21 +81,18 @@ void Seat::holds(std::size_t bytes) {
     Seats::Table& table = *table_;
     const std::lock_guard lock(table.mutex);
     if (isMember_ || guest_->isLeaving) return;
-    table.counts.guestBytes += bytes - std::exchange(guest_->bytes, bytes);
-    while (table.counts.guestBytes > table.limits.guestBytes)
-        table.letGo(*std::ranges::max_element(table.guests, {}, [](const Seats::Guest& guest) {
-            return guest.isLeaving ? 0 : guest.bytes;
-        }));
+    table.bytes.set(&*guest_, bytes);
+    while (const auto guest = table.bytes.givesWay(&*guest_)) table.letGo(**guest);
 }
 
 bool Seat::admit() {
     Seats::Table& table = *table_;
     const std::lock_guard lock(table.mutex);
     if (isMember_) return true;
-    if (table.counts.members >= table.limits.members) return false;
+    if (table.members >= table.limits.members) return false;
     table.uncount(*guest_);
     table.guests.erase(guest_);
-    ++table.counts.members;
+    ++table.members;
     return isMember_ = true;
 }
 

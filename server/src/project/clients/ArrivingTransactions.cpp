@@ -1,16 +1,9 @@
-// Joins transactions that are received in parts, and limits their memory.
+// Joins transactions that are received in parts.
 #include "clients/ArrivingTransactions.h"
 
 #include <utility>
 
 namespace usdlive::server {
-
-namespace {
-
-// The limit for the incomplete transactions of all sessions, in transactions of the largest size.
-constexpr std::uint64_t kMaxIncomplete = 2;
-
-}  // namespace
 
 Result<std::optional<ArrivingTransactions::Arrived>> ArrivingTransactions::receive(
     const Session& session, SubmitFrame frame, std::size_t bytes) {
@@ -28,10 +21,6 @@ Result<std::optional<ArrivingTransactions::Arrived>> ArrivingTransactions::recei
     if (arriving.refused) return Nothing();
     arriving.bytes += bytes;
     arriving.edits += frame.transaction.edits.size();
-    bytes_ += bytes;
-    if (bytes_ > kMaxIncomplete * limits_.bytes)
-        return fail(ErrorCode::TransactionTooLarge,
-                    "too many large transactions are being sent at the same time; send it again");
     const TransactionId id = frame.transaction.id;
     const std::uint64_t gesture = frame.transaction.gesture;
     auto whole = arriving.parts.add(std::move(frame));
@@ -40,7 +29,7 @@ Result<std::optional<ArrivingTransactions::Arrived>> ArrivingTransactions::recei
         Arrived refused{{id, 0, gesture, {}},
                         arriving.bytes,
                         transactionTooLarge(arriving.edits, arriving.bytes, limits_)};
-        bytes_ -= std::exchange(arriving.bytes, 0);
+        arriving.bytes = 0;
         arriving.parts = {};
         arriving.refused = true;
         return refused;
@@ -51,9 +40,9 @@ Result<std::optional<ArrivingTransactions::Arrived>> ArrivingTransactions::recei
     return arrived;
 }
 
-void ArrivingTransactions::forget(SessionId session) {
-    const auto arriving = arriving_.extract(session);
-    if (!arriving.empty()) bytes_ -= arriving.mapped().bytes;
+std::size_t ArrivingTransactions::bytes(SessionId session) const {
+    const auto arriving = arriving_.find(session);
+    return arriving == arriving_.end() ? 0 : arriving->second.bytes;
 }
 
 void ArrivingTransactions::addNamed(std::unordered_set<Hash>& named) const {

@@ -11,8 +11,8 @@
 
 namespace usdlive::server {
 
-/// Joins the parts of transactions. Each part is decoded when it is received, so that other
-/// sessions are served between two parts.
+/// Joins the parts of transactions. The caller bounds their memory. Each part is decoded when it is
+/// received, so that other sessions are served between two parts.
 class ArrivingTransactions {
 public:
     explicit ArrivingTransactions(const TransactionLimits& limits) : limits_(limits) {}
@@ -29,7 +29,9 @@ public:
     Result<std::optional<Arrived>> receive(const Session& session, SubmitFrame frame,
                                            std::size_t bytes);
     /// Drops the session's incomplete transaction.
-    void forget(SessionId session);
+    void forget(SessionId session) { arriving_.erase(session); }
+    /// Returns the size of the received parts of the session.
+    [[nodiscard]] std::size_t bytes(SessionId session) const;
     /// Adds the big values that the received parts name.
     void addNamed(std::unordered_set<Hash>& named) const;
 
@@ -42,7 +44,6 @@ private:
     };
     TransactionLimits limits_;
     std::map<SessionId, Arriving> arriving_;
-    std::uint64_t bytes_ = 0;  ///< size of the received parts of all sessions
 };
 
 }  // namespace usdlive::server

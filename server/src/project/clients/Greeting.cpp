@@ -44,6 +44,7 @@ Greeting::Greeting(const Project::Options& options, const Parts& parts)
       sessions_(parts.sessions),
       authors_(parts.authors),
       layers_(parts.layers),
+      layerLists_(parts.layerLists),
       states_(parts.states),
       presences_(parts.presences),
       reads_(parts.reads),
@@ -225,9 +226,7 @@ void Greeting::welcome(Session& session, std::optional<Error> whyNotResumed) {
     const bool resumed = hello.resume && !whyNotResumed;
     session.phase = Greeted{};
     session.wasGreeted = true;
-    if (resumed && hello.open)
-        for (const LayerId& layer : *hello.open)
-            if (layers_->has(layer)) sessions_->open(session, layer);
+    if (resumed && hello.open) keepOpen(session, *hello.open);
     if (whyNotResumed) {
         sessions_->sendError(session, *whyNotResumed);
         // The client may join the other history.
@@ -235,6 +234,7 @@ void Greeting::welcome(Session& session, std::optional<Error> whyNotResumed) {
         if (forgotten && forgotten->code != whyNotResumed->code)
             sessions_->sendError(session, *forgotten);
     }
+    layerLists_->sendAllTo(session);
     sendWelcome(session, hello, resumed);
     activity_->record({"user joined", session.subject.user, {}, session.application});
     states_->sendAllTo(session);
@@ -242,6 +242,11 @@ void Greeting::welcome(Session& session, std::optional<Error> whyNotResumed) {
     const SessionId id = session.id;
     catchup_->begin(session, resumed ? hello.resume->revision : line_->durable());
     for (const Bytes& frame : checked.waiting) receiver_->receiveFrame(id, frame);
+}
+
+void Greeting::keepOpen(Session& session, const std::vector<LayerId>& layers) {
+    for (const LayerId& layer : layers)
+        if (layers_->has(layer)) sessions_->open(session, layer);
 }
 
 void Greeting::sendWelcome(const Session& session, const Hello& hello, bool resumed) {
@@ -253,7 +258,7 @@ void Greeting::sendWelcome(const Session& session, const Hello& hello, bool resu
     message.revision = line_->durable();
     message.hash = line_->durableHash();
     message.resumed = resumed;
-    message.layers = layers_->infos();
+    if (!session.features.contains(kLayerListFeature)) message.layers = layers_->infos();
     message.maxFrameBytes = options_->maxFrameBytes;
     message.maxBlobBytes = options_->maxBlobBytes;
     message.administrator = session.subject.isAdministrator;

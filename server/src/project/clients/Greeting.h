@@ -6,6 +6,7 @@
 #include "Wiring.h"
 #include "access/AccessPolicy.h"
 #include "clients/Authors.h"
+#include "layers/LayerLists.h"
 #include "layers/StateBoard.h"
 #include "lines/HistoryStart.h"
 #include "sessions/PresenceBoard.h"
@@ -32,6 +33,7 @@ public:
         SessionTable& sessions;
         Authors& authors;
         const LayerTable& layers;
+        LayerLists& layerLists;
         StateBoard& states;
         PresenceBoard& presences;
         CommitReads& reads;
@@ -52,6 +54,8 @@ public:
     /// Receives the commit at which the session resumes, read from the store.
     void resumeRead(SessionId session, const Result<std::vector<StoredCommit>>& commits);
 
+    /// Notes more layers that a resumed session has open.
+    void keepOpen(Session& session, const std::vector<LayerId>& layers);
     /// Returns the oldest revision at which a session is resuming; `newest` if none is.
     [[nodiscard]] Revision oldestNeeded(Revision newest) const;
 
@@ -75,6 +79,7 @@ private:
     Wire<SessionTable> sessions_;
     Wire<Authors> authors_;
     Wire<const LayerTable> layers_;
+    Wire<LayerLists> layerLists_;
     Wire<StateBoard> states_;
     Wire<PresenceBoard> presences_;
     Wire<CommitReads> reads_;

@@ -11,9 +11,13 @@ namespace usdlive::server {
 
 namespace {
 
-// The limit for the waiting transactions of one session, in addition to one in parts. A session
-// that exceeds it is closed.
-constexpr std::size_t kMaxWaitingBytes = 256 * 1024 * 1024;
+/// Returns the limits for what sessions have sent and what is not ordered yet: of each one, two of
+/// the largest transactions and small ones, so that it can send the next one; of all together, one
+/// more.
+Budget<SessionId>::Limits receivedLimits(const TransactionLimits& limits) {
+    const std::size_t small = limits.bytes / 4;
+    return {.each = 2 * limits.bytes + small, .all = 3 * limits.bytes + small};
+}
 
 const std::string kResends = "resends";
 
@@ -40,14 +44,15 @@ Submissions::Submissions(const TransactionLimits& limits, const Parts& parts,
       access_(parts.access),
       activity_(parts.activity),
       counters_(counters),
-      arriving_(limits) {}
+      arriving_(limits),
+      received_(receivedLimits(limits)) {}
 
 // ---- receiving
 
 void Submissions::receive(Session& session, SubmitFrame frame, std::size_t bytes) {
     auto arrived = arriving_.receive(session, std::move(frame), bytes);
     if (!arrived) return sessions_->close(session, arrived.error());
-    if (!*arrived) return;
+    if (!*arrived) return static_cast<void>(fits(session));
     auto& [transaction, all, refused] = **arrived;
     if (refused)
         refuse(session, transaction, *refused);
@@ -61,9 +66,7 @@ void Submissions::add(Session& session, Transaction transaction, std::size_t byt
                                 {ErrorCode::MalformedFrame, "a transaction of another client"});
     Queue& queue = queues_[session.id];
     queue.bytes += bytes;
-    if (queue.bytes > kMaxWaitingBytes + limits_.bytes)
-        return sessions_->close(session, {ErrorCode::TransactionTooLarge,
-                                          "too many transactions wait for a layer to load"});
+    if (!fits(session)) return;
     queue.transactions.push_back({std::move(transaction), bytes, {}, {}});
     if (queue.transactions.size() == 1) work(session.id);
 }
@@ -85,7 +88,27 @@ void Submissions::work(SessionId id) {
         if (queue.transactions.empty()) return;
         queue.bytes -= queued.bytes;
         queue.transactions.pop_front();
+        measure(id);
     }
+}
+
+/// Returns false if the session was closed because its transactions take too much (SE22). Another
+/// one may be closed instead of it.
+bool Submissions::fits(const Session& session) {
+    measure(session.id);
+    const auto over = received_.givesWay(session.id);
+    if (!over) return true;
+    sessions_->close(*sessions_->find(*over),
+                     {ErrorCode::TransactionTooLarge,
+                      "too many large transactions of this session wait for a layer to load or for "
+                      "their last part; send them again"});
+    return *over != session.id;
+}
+
+void Submissions::measure(SessionId session) {
+    const auto queue = queues_.find(session);
+    received_.set(session,
+                  arriving_.bytes(session) + (queue == queues_.end() ? 0 : queue->second.bytes));
 }
 
 void Submissions::creationsRead(SessionId id, std::uint64_t sequence,
@@ -252,11 +275,13 @@ void Submissions::closing(SessionId session) {
     arriving_.forget(session);
     const auto found = queues_.find(session);
     if (found != queues_.end()) found->second.transactions.clear();
+    received_.giveBackAll(session);
 }
 
 void Submissions::left(const Session& session) {
     arriving_.forget(session.id);
     queues_.erase(session.id);
+    received_.giveBackAll(session.id);
 }
 
 }  // namespace usdlive::server

@@ -70,6 +70,8 @@ private:
         std::optional<Held> held;
     };
     void add(Session& session, Transaction transaction, std::size_t bytes);
+    [[nodiscard]] bool fits(const Session& session);
+    void measure(SessionId session);
     bool handle(const Session& session, QueuedTransaction& queued);
     [[nodiscard]] std::optional<Refused> heldBack(SessionId session, std::uint64_t sequence);
     void hold(const Session& session, std::uint64_t sequence, const Error& reason);
@@ -92,6 +94,7 @@ private:
 
     ArrivingTransactions arriving_;
     std::map<SessionId, Queue> queues_;
+    Budget<SessionId> received_;           ///< bytes of parts and of queued transactions
     std::deque<LostSubmission> inFlight_;  ///< ordered, not durable yet; sorted by revision
 };
 

@@ -8,7 +8,6 @@ namespace usdlive::server {
 
 namespace {
 
-constexpr std::size_t kMaxReloads = 100;  // unanswered requests of all sessions
 // If a layer is edited while its file is being compared, it is compared again, up to this number of
 // times. Then it is compared on the strand, between two edits.
 constexpr int kAttempts = 3;
@@ -20,9 +19,6 @@ void Reloads::Request::addFailure(const LayerId& layer, const Error& error) {
 }
 
 void Reloads::request(Session& session, const ReloadLayers& asked) {
-    if (requests_.size() + pending_.size() >= kMaxReloads)
-        return sessions_->close(session,
-                                {ErrorCode::MalformedControl, "too many requests at once"});
     Request request;
     request.session = session.id;
     request.request = request.outcome.request = asked.request;
@@ -35,6 +31,7 @@ void Reloads::request(Session& session, const ReloadLayers& asked) {
     if (asked.layers.empty())
         for (const LayerId& layer : layers_->all())
             if (fileStates_->isOutdated(layer)) request.waiting.insert(layer);
+    if (!sessions_->takeForRequest(session, asked.request, bytesOf(request.waiting))) return;
     for (const LayerId& layer : request.waiting) layers_->require(layer);
     requests_.push_back(std::move(request));
     advance();

@@ -7,16 +7,7 @@
 
 namespace usdlive::server {
 
-namespace {
-
-constexpr std::size_t kMaxSaves = 1'000;  // requests of all sessions that have not begun
-
-}  // namespace
-
 void Saves::request(Session& session, const SaveLayers& asked) {
-    if (waiting_.size() + pending_.size() >= kMaxSaves)
-        return sessions_->close(session,
-                                {ErrorCode::MalformedControl, "too many requests at once"});
     Request request{session.id, asked.request, asked.force.value_or(false), {}, {}};
     for (const LayerId& layer : asked.layers) {
         if (layers_->has(layer))
@@ -28,6 +19,7 @@ void Saves::request(Session& session, const SaveLayers& asked) {
     if (asked.layers.empty())
         for (const LayerId& layer : layers_->all())
             if (fileStates_->isDirty(layer)) request.layers.insert(layer);
+    if (!sessions_->takeForRequest(session, asked.request, bytesOf(request.layers))) return;
     for (const LayerId& layer : request.layers) layers_->require(layer);
     waiting_.push_back(std::move(request));
     advance();

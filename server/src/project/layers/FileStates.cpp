@@ -8,11 +8,12 @@ namespace usdlive::server {
 void FileStates::show(const std::vector<LayerFile>& files) {
     std::set<LayerId> listed;
     for (const LayerFile& file : files) listed.insert(file.layer);
-    bool changed = layers_->removeUnused([&](const LayerId& layer) {
+    const std::vector<LayerId> removed = layers_->removeUnused([&](const LayerId& layer) {
         return !listed.contains(layer) && entry(layer).saved.revision == 0;
     });
+    std::vector<LayerId> added;
     for (const LayerFile& file : files) {
-        changed |= layers_->add(file.layer);
+        if (layers_->add(file.layer)) added.push_back(file.layer);
         Entry& entry = entries_[file.layer];
         if (entry.present == file) continue;
         entry.present = file;
@@ -24,7 +25,7 @@ void FileStates::show(const std::vector<LayerFile>& files) {
         entry.present.trace.reset();
         checkIfChanged(layer, entry);
     }
-    if (changed) announceLayers();
+    lists_->changed(added, removed);
 }
 
 void FileStates::setUnsaved(const std::vector<LayerId>& layers) {
@@ -33,11 +34,8 @@ void FileStates::setUnsaved(const std::vector<LayerId>& layers) {
 }
 
 void FileStates::addCreated(const LayerId& layer) {
-    if (layers_->add(layer)) announceLayers();
+    if (layers_->add(layer)) lists_->changed({layer}, {});
 }
-
-/// SE9: sends the list of layers to all sessions.
-void FileStates::announceLayers() { sessions_->sendToAll(ProjectLayers{layers_->infos()}); }
 
 const FileStates::Entry& FileStates::entry(const LayerId& layer) const {
     static const Entry kNone;

@@ -6,9 +6,8 @@
 #include <vector>
 
 #include "Wiring.h"
-#include "layers/LayerTable.h"
+#include "layers/LayerLists.h"
 #include "layers/SuspectLayers.h"
-#include "sessions/SessionTable.h"
 
 namespace usdlive::server {
 
@@ -16,9 +15,8 @@ namespace usdlive::server {
 /// times have changed.
 class FileStates : public LineListener, public LayerListener {
 public:
-    FileStates(LayerTable& layers, SessionTable& sessions, SuspectLayers& suspects,
-               ports::Files& files)
-        : layers_(layers), sessions_(sessions), suspects_(suspects), files_(files) {}
+    FileStates(LayerTable& layers, LayerLists& lists, SuspectLayers& suspects, ports::Files& files)
+        : layers_(layers), lists_(lists), suspects_(suspects), files_(files) {}
 
     /// Receives the files of the project's folder. Adds and removes layers accordingly (SE9).
     void show(const std::vector<LayerFile>& files);
@@ -56,10 +54,9 @@ private:
     [[nodiscard]] const Entry& entry(const LayerId& layer) const;
     void noteFile(const LayerId& layer, const SavedState& saved);
     void checkIfChanged(const LayerId& layer, Entry& entry);
-    void announceLayers();
 
     Wire<LayerTable> layers_;
-    Wire<SessionTable> sessions_;
+    Wire<LayerLists> lists_;
     Wire<SuspectLayers> suspects_;
     Wire<ports::Files> files_;
     std::map<LayerId, Entry> entries_;

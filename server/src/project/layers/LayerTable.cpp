@@ -21,7 +21,8 @@ Result<LayerImport> makeImport(const LayerId& layer, const LayerDoc& doc) {
     return made;
 }
 
-bool LayerTable::removeUnused(const std::function<bool(const LayerId&)>& isRemoved) {
+std::vector<LayerId> LayerTable::removeUnused(
+    const std::function<bool(const LayerId&)>& isRemoved) {
     std::vector<LayerId> removed;
     for (const auto& [layer, entry] : layers_)
         if (std::holds_alternative<NotLoaded>(entry.loading) && entry.changed == 0 &&
@@ -31,7 +32,7 @@ bool LayerTable::removeUnused(const std::function<bool(const LayerId&)>& isRemov
         layers_.erase(layer);
         listeners_.notify(&LayerListener::removed, layer);
     }
-    return !removed.empty();
+    return removed;
 }
 
 void LayerTable::require(const LayerId& layer) {

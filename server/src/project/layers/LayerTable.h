@@ -36,8 +36,8 @@ public:
     /// Adds a layer. Returns false if it exists already.
     bool add(const LayerId& layer) { return layers_.try_emplace(layer).second; }
     /// Removes the layers that are not loaded, have no commit since the start, and for which
-    /// `isRemoved` returns true. Returns whether a layer was removed.
-    bool removeUnused(const std::function<bool(const LayerId&)>& isRemoved);
+    /// `isRemoved` returns true. Returns them.
+    std::vector<LayerId> removeUnused(const std::function<bool(const LayerId&)>& isRemoved);
     /// Starts to load a layer, unless it is loaded or being loaded.
     void require(const LayerId& layer);
     /// Removes a layer from memory. Precondition: it is loaded, and all its commits are durable.
@@ -45,7 +45,7 @@ public:
 
     [[nodiscard]] bool has(const LayerId& layer) const { return layers_.contains(layer); }
     [[nodiscard]] std::vector<LayerId> all() const;
-    /// Returns the list for `welcome` and `projectLayers` (SE9).
+    /// Returns the list for sessions without the feature `layerList` (SE9).
     [[nodiscard]] std::vector<LayerInfo> infos() const;
     /// Returns nullptr if there is no such layer.
     [[nodiscard]] const LayerLoading* loading(const LayerId& layer) const;

@@ -23,6 +23,20 @@ void showTexts(const PublicText& texts, T& value) {
         for (auto& element : value) showTexts(texts, element);
 }
 
+/// Returns the request that the message answers.
+std::optional<std::uint64_t> requestOf(const ControlMessage& message) {
+    return std::visit(
+        []<class Content>(const Content& content) -> std::optional<std::uint64_t> {
+            if constexpr (std::is_same_v<Content, RequestProgress>)
+                return std::nullopt;
+            else if constexpr (requires { std::optional<std::uint64_t>{content.request}; })
+                return content.request;
+            else
+                return std::nullopt;
+        },
+        message);
+}
+
 /// A client would end the session over a message that is larger.
 ErrorMessage tooLarge(const ControlMessage& message) {
     ErrorMessage error{std::string(errorName(ErrorCode::Internal)),
@@ -30,17 +44,19 @@ ErrorMessage tooLarge(const ControlMessage& message) {
                        false,
                        {},
                        {}};
-    std::visit(
-        [&](const auto& content) {
-            if constexpr (requires { std::uint64_t{content.request}; })
-                error.request = content.request;
-        },
-        message);
+    error.request = requestOf(message);
     error.closing = !error.request;  // a welcome
     return error;
 }
 
 }  // namespace
+
+std::size_t bytesOf(const std::set<LayerId>& layers) {
+    constexpr std::size_t kNodeBytes = 80;
+    std::size_t bytes = 0;
+    for (const LayerId& layer : layers) bytes += kNodeBytes + layer.value.size();
+    return bytes;
+}
 
 Session& SessionTable::add(SessionId id) {
     Session& session = sessions_[id];
@@ -51,6 +67,7 @@ Session& SessionTable::add(SessionId id) {
 void SessionTable::end(Session& session) {
     outbox_->close(session.id);
     session.phase = Closing{};
+    forgetRequests(session.id);
     listeners_.notify(&SessionListener::closing, session.id);
 }
 
@@ -62,6 +79,7 @@ void SessionTable::close(Session& session, const Error& error) {
 bool SessionTable::remove(SessionId id) {
     const auto left = sessions_.extract(id);
     if (left.empty()) return false;
+    forgetRequests(id);
     listeners_.notify(&SessionListener::left, left.mapped());
     for (const LayerId& layer : left.mapped().open)
         listeners_.notify(&SessionListener::openChanged, layer);
@@ -125,7 +143,29 @@ std::set<UserName> SessionTable::editors(const LayerId& layer) const {
     return editors;
 }
 
+bool SessionTable::takeForRequest(const Session& session, std::uint64_t request,
+                                  std::size_t bytes) {
+    requests_[{session.id, request}] += bytes;
+    requestBytes_.take(session.id, bytes);
+    const auto over = requestBytes_.givesWay(session.id);
+    if (!over) return true;
+    close(sessions_.at(*over),
+          {ErrorCode::MalformedControl, "too many requests of this session are not answered yet"});
+    return *over != session.id;
+}
+
+void SessionTable::answered(SessionId session, std::uint64_t request) {
+    const auto found = requests_.extract({session, request});
+    if (!found.empty()) requestBytes_.giveBack(session, found.mapped());
+}
+
+void SessionTable::forgetRequests(SessionId session) {
+    requests_.erase(requests_.lower_bound({session, 0}), requests_.lower_bound({session + 1, 0}));
+    requestBytes_.giveBackAll(session);
+}
+
 void SessionTable::send(const Session& session, const ControlMessage& message) {
+    if (const auto request = requestOf(message)) answered(session.id, *request);
     ControlMessage shown = message;
     std::visit([this](auto& content) { showTexts(*texts_, content); }, shown);
     std::string json = encodeControl(shown);
@@ -137,12 +177,6 @@ void SessionTable::sendError(const Session& session, const Error& error,
                              std::optional<std::uint64_t> request, std::optional<Hash> blob) {
     send(session,
          ErrorMessage{std::string(errorName(error.code)), error.message, false, request, blob});
-}
-
-void SessionTable::sendToAll(const ControlMessage& message) {
-    const SharedBytes frame = sharedFrame(message);
-    for (const auto& [id, session] : sessions_)
-        if (session.isGreeted()) outbox_->send(id, frame);
 }
 
 void SessionTable::sendToSubscribers(const std::string& feature, const StateUpdate& update) {

@@ -3,18 +3,25 @@
 
 #include <map>
 #include <optional>
+#include <utility>
 
 #include "Wiring.h"
 #include "sessions/Session.h"
+#include "usdlive/common/core/Budget.h"
 #include "usdlive/server/project/PublicText.h"
 
 namespace usdlive::server {
+
+/// Returns the memory of a set of names, about.
+[[nodiscard]] std::size_t bytesOf(const std::set<LayerId>& layers);
 
 /// The connected sessions and the layers that they have open. Sends control messages and closes
 /// sessions.
 class SessionTable {
 public:
-    SessionTable(ports::Outbox& outbox, const PublicText& texts) : outbox_(outbox), texts_(texts) {}
+    SessionTable(ports::Outbox& outbox, const PublicText& texts,
+                 const Budget<SessionId>::Limits& requestBytes)
+        : outbox_(outbox), texts_(texts), requestBytes_(requestBytes) {}
 
     /// Listeners are notified in the order in which they are added.
     void addListener(SessionListener& listener) { listeners_.add(listener); }
@@ -46,22 +53,31 @@ public:
     /// Returns the users that have the layer open.
     [[nodiscard]] std::set<UserName> editors(const LayerId& layer) const;
 
-    /// Sends a message. Its texts name no folder of the machine (FR12).
+    /// Notes that a request takes `bytes` more until it is answered. Closes the session that gives
+    /// way if that is too much (SE22); false: it is this one.
+    bool takeForRequest(const Session& session, std::uint64_t request, std::size_t bytes);
+    /// Returns what the unanswered requests of all sessions take.
+    [[nodiscard]] std::size_t requestBytes() const { return requestBytes_.used(); }
+
+    /// Sends a message. Its texts name no folder of the machine (FR12). An answer ends its request.
     void send(const Session& session, const ControlMessage& message);
     void sendError(const Session& session, const Error& error,
                    std::optional<std::uint64_t> request = {}, std::optional<Hash> blob = {});
-    /// Sends a control message to each session that was welcomed.
-    void sendToAll(const ControlMessage& message);
     /// Sends the update to each session that asked for the feature.
     void sendToSubscribers(const std::string& feature, const StateUpdate& update);
     /// Returns the error as clients may see it.
     [[nodiscard]] Error shown(const Error& error) const { return (*texts_)(error); }
 
 private:
+    void answered(SessionId session, std::uint64_t request);
+    void forgetRequests(SessionId session);
+
     Wire<ports::Outbox> outbox_;
     Wire<const PublicText> texts_;
     Listeners<SessionListener> listeners_;
     std::map<SessionId, Session> sessions_;
+    Budget<SessionId> requestBytes_;
+    std::map<std::pair<SessionId, std::uint64_t>, std::size_t> requests_;  // bytes; unanswered
 };
 
 }  // namespace usdlive::server

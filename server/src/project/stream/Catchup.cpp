@@ -12,7 +12,6 @@ namespace usdlive::server {
 namespace {
 
 constexpr Revision kPageCommits = 256;  // commits in one read from the store
-constexpr std::size_t kMaxLogs = 16;    // waiting log requests of one session
 
 const std::string kConflation = "conflation";
 
@@ -263,9 +262,6 @@ void Catchup::sendLog(Session& session, const RequestLog& request) {
         return sessions_->sendError(session, historyReplaced(from, oldest).value(),
                                     request.request);
     Stream& stream = *find(session.id);
-    if (stream.logs.size() >= kMaxLogs)
-        return sessions_->close(session,
-                                {ErrorCode::MalformedControl, "too many requests at once"});
     stream.logs.push_back({request.request, from, to});
     if (stream.isLive()) beginLog(stream);
     pump(stream);
@@ -280,7 +276,8 @@ void Catchup::beginLog(Stream& stream) {
 }
 
 void Catchup::endLog(Stream& stream) {
-    outbox_->send(stream.id, sharedFrame(LogEnd{std::get<SendingLog>(stream.state).request}));
+    if (const Session* session = sessions_->find(stream.id))
+        sessions_->send(*session, LogEnd{std::get<SendingLog>(stream.state).request});
     stream.state = CatchingUp{};
 }
 

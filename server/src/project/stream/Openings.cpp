@@ -6,14 +6,6 @@
 
 namespace usdlive::server {
 
-namespace {
-
-// Reads of one session at the same time: each replays a layer.
-constexpr std::size_t kMaxPastReads = 16;
-constexpr std::size_t kMaxOpens = 10'000;  // requests that wait for one layer
-
-}  // namespace
-
 void Openings::open(Session& session, const OpenLayer& open) {
     const LayerId& layer = open.layer;
     if (!layers_->has(layer))
@@ -24,11 +16,7 @@ void Openings::open(Session& session, const OpenLayer& open) {
     sessions_->open(session, layer);
     const Request request{session.id, open.request};
     if (layers_->isLoaded(layer)) return openLoaded(request, layer);
-    auto& waiting = waiting_[layer];
-    if (waiting.size() >= kMaxOpens)
-        return sessions_->close(session,
-                                {ErrorCode::MalformedControl, "too many requests at once"});
-    waiting.push_back(request);
+    waiting_[layer].push_back(request);
     layers_->require(layer);
 }
 
@@ -115,10 +103,10 @@ void Openings::openPast(Session& session, const OpenLayer& open) {
                                     open.request);
     if (const auto error = start_->whyNotReadable(open.revision))
         return sessions_->sendError(session, *error, open.request);
-    auto& reads = pastReads_[session.id];
-    if (reads.size() >= kMaxPastReads || !reads.emplace(open.request, open).second)
+    if (!pastReads_[session.id].emplace(open.request, open).second)
         return sessions_->close(session,
-                                {ErrorCode::MalformedControl, "too many requests at once"});
+                                {ErrorCode::MalformedControl,
+                                 "two requests with the number " + std::to_string(open.request)});
     history_->readHistory(session.id, open.request, open.layer, open.revision);
 }
 

@@ -1,7 +1,9 @@
 // Keeps the big values that previews name.
 #include "stream/PreviewValues.h"
 
+#include <algorithm>
 #include <memory>
+#include <utility>
 
 namespace usdlive::server {
 
@@ -15,8 +17,10 @@ constexpr std::size_t kPartBytes = 256;
 void PreviewValues::add(const ClientId& author, BlobFrame part) {
     auto found = entries_.find(part.hash);
     if (found != entries_.end() && found->second.written == found->second.size) {
-        found->second.author = author;  // already complete: it now belongs to this gesture
-        found->second.gesture = part.gesture;
+        Entry& whole = found->second;  // it now belongs to this gesture
+        bytes_.giveBack(std::exchange(whole.author, author), whole.bytes);
+        bytes_.take(author, whole.bytes);
+        whole.gesture = part.gesture;
         return;
     }
     if (found != entries_.end() && part.offset == 0) {
@@ -37,9 +41,11 @@ void PreviewValues::add(const ClientId& author, BlobFrame part) {
     const std::size_t bytes = part.data.size() + kPartBytes;
     entry.written += part.rawBytes;
     entry.bytes += bytes;
-    bytes_ += bytes;
+    bytes_.take(entry.author, bytes);
     entry.frames.push_back(std::make_shared<const Bytes>(encodeFrame(part)));
-    while (bytes_ > kMaxBytes) erase(entries_.find(turns_.front()));
+    while (const auto over = bytes_.givesWay(author))
+        erase(entries_.find(*std::ranges::find_if(
+            turns_, [&](const Hash& hash) { return entries_.at(hash).author == *over; })));
 }
 
 const std::vector<SharedBytes>* PreviewValues::find(const Hash& hash) const {
@@ -49,7 +55,7 @@ const std::vector<SharedBytes>* PreviewValues::find(const Hash& hash) const {
 }
 
 PreviewValues::Entries::iterator PreviewValues::erase(Entries::iterator entry) {
-    bytes_ -= entry->second.bytes;
+    bytes_.giveBack(entry->second.author, entry->second.bytes);
     turns_.erase(entry->second.turn);
     return entries_.erase(entry);
 }

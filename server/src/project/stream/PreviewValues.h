@@ -6,6 +6,7 @@
 #include <map>
 #include <vector>
 
+#include "usdlive/common/core/Budget.h"
 #include "usdlive/common/core/Bytes.h"
 #include "usdlive/common/core/Id.h"
 #include "usdlive/common/protocol/Frame.h"
@@ -16,8 +17,8 @@ namespace usdlive::server {
 /// its gesture ends, or when newer ones need the space.
 class PreviewValues {
 public:
-    static constexpr std::size_t kMaxBytes = std::size_t(256)
-                                             << 20;  ///< limit for all authors together
+    /// The limit for all authors together. Beyond it the author with the most loses the oldest.
+    static constexpr std::size_t kMaxBytes = std::size_t(256) << 20;
 
     /// Adds the next part of a value; a first part starts it again. A part that does not follow the
     /// last one drops the value: its previews are shown without it, or not at all.
@@ -27,7 +28,7 @@ public:
     void end(const ClientId& author, std::uint64_t gesture);
     void endAll(const ClientId& author);
 
-    [[nodiscard]] std::size_t bytes() const { return bytes_; }
+    [[nodiscard]] std::size_t bytes() const { return bytes_.used(); }
 
 private:
     struct Entry {
@@ -45,8 +46,8 @@ private:
     void endIf(const Ends& ends);
 
     Entries entries_;
-    std::list<Hash> turns_;  // oldest first
-    std::size_t bytes_ = 0;
+    std::list<Hash> turns_;                       // oldest first
+    Budget<ClientId> bytes_{{.all = kMaxBytes}};  // by author
 };
 
 }  // namespace usdlive::server

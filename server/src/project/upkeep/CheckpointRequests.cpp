@@ -10,8 +10,6 @@ namespace usdlive::server {
 
 namespace {
 
-constexpr std::size_t kMaxWaiting = 1'000;  // requests of all sessions that wait for their revision
-
 bool isName(const std::string& name) {
     const auto isControl = [](unsigned char byte) { return byte < 0x20 || byte == 0x7f; };
     return !name.empty() && name.size() <= kMaxCheckpointNameBytes &&
@@ -34,9 +32,6 @@ std::optional<Error> CheckpointRequests::objection(const Session& session,
 }
 
 void CheckpointRequests::create(Session& session, const CreateCheckpoint& request) {
-    if (pending_.size() >= kMaxWaiting)
-        return sessions_->close(session,
-                                {ErrorCode::MalformedControl, "too many requests at once"});
     if (const auto error = objection(session, request.name))
         return sessions_->sendError(session, *error, request.request);
     const auto now = std::uint64_t(std::max<std::int64_t>(time_->nowMs(), 0));

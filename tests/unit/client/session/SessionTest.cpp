@@ -6,6 +6,7 @@
 #include <algorithm>
 
 #include "SessionPeer.h"
+#include "usdlive/common/protocol/CheckedControl.h"
 
 using namespace usdlive;
 using namespace usdlive::client;
@@ -36,6 +37,104 @@ protected:
 };
 
 }  // namespace
+
+// ---- the layers of the project
+
+TEST_F(SessionTest, SE9TheListOfLayersIsKnownWithTheWelcomeAndFollows) {
+    peer.session.connected();
+    peer.deliver(LayerList{{{"a.usda"}, {"b.usda"}}, {}});
+    peer.deliver(LayerList{{{"c.usda"}}, {}});
+    peer.advance();
+    EXPECT_TRUE(peer.session.projectLayers().empty()) << "the list is not complete";
+    peer.deliver(peer.welcomeMessage(false));
+    peer.advance();
+    EXPECT_EQ(peer.session.projectLayers(),
+              (std::set<LayerId>{{"a.usda"}, {"b.usda"}, {"c.usda"}}));
+    EXPECT_EQ(peer.eventsOf<event::Connected>().at(0).newLayers.size(), 3u);
+    EXPECT_TRUE(peer.eventsOf<event::LayersChanged>().empty());
+    peer.deliver(LayerList{{{"d.usda"}}, {{"a.usda"}, {"x.usda"}}});
+    peer.advance();
+    const auto changed = peer.eventsOf<event::LayersChanged>();
+    ASSERT_EQ(changed.size(), 1u);
+    EXPECT_EQ(changed[0].added, std::vector<LayerId>{{"d.usda"}});
+    EXPECT_EQ(changed[0].removed, std::vector<LayerId>{{"a.usda"}});
+
+    peer.session.disconnected({ErrorCode::NotConnected, "cut"});
+    EXPECT_EQ(peer.session.projectLayers().size(), 3u) << "still known";
+    peer.session.connected();
+    peer.deliver(LayerList{{{"d.usda"}, {"e.usda"}}, {}});
+    peer.deliver(peer.welcomeMessage(true));
+    peer.advance();
+    EXPECT_EQ(peer.session.projectLayers(), (std::set<LayerId>{{"d.usda"}, {"e.usda"}}));
+    EXPECT_EQ(peer.eventsOf<event::Connected>().at(1).newLayers, std::vector<LayerId>{{"e.usda"}});
+}
+
+TEST_F(SessionTest, SE9AListIsNotKeptFromAConnectionThatEndedBeforeTheWelcome) {
+    peer.session.connected();
+    peer.deliver(LayerList{{{"a.usda"}}, {}});
+    peer.advance();
+    peer.session.disconnected({ErrorCode::NotConnected, "cut"});
+    peer.session.connected();
+    peer.deliver(peer.welcomeMessage(false));
+    peer.advance();
+    EXPECT_TRUE(peer.session.projectLayers().empty());
+}
+
+TEST_F(SessionTest, SE9AServerWithoutTheFeatureSendsWholeLists) {
+    peer.session.connected();
+    Welcome welcome = peer.welcomeMessage(false);
+    welcome.layers = {{{"a.usda"}}, {{"b.usda"}}};
+    peer.deliver(welcome);
+    peer.deliver(ProjectLayers{{{{"b.usda"}}, {{"c.usda"}}}});
+    peer.advance();
+    EXPECT_EQ(peer.session.projectLayers(), (std::set<LayerId>{{"b.usda"}, {"c.usda"}}));
+    const auto changed = peer.eventsOf<event::LayersChanged>();
+    ASSERT_EQ(changed.size(), 1u);
+    EXPECT_EQ(changed[0].added, std::vector<LayerId>{{"c.usda"}});
+    EXPECT_EQ(changed[0].removed, std::vector<LayerId>{{"a.usda"}});
+}
+
+TEST_F(SessionTest, SE2AListOfOpenLayersThatIsTooLongForAHelloIsContinued) {
+    for (const bool isKnown : {true, false}) {
+        SessionPeer peer;
+        if (isKnown) peer.features.emplace_back(kLayerListFeature);
+        std::set<LayerId> layers;
+        for (int number = 0; number < 4'000; ++number)
+            layers.insert({std::string(700, 'n') + std::to_string(number) + ".usda"});
+        for (const LayerId& layer : layers) peer.docs[layer];
+        peer.connect();
+        for (const LayerId& layer : layers) peer.session.openLayer(layer);
+        std::size_t most = 0;
+        for (std::size_t asked = 1; asked > 0; most = std::max(most, asked)) {
+            peer.advance();
+            asked = 0;
+            for (; const auto open = peer.takeControl<OpenLayer>(); ++asked)
+                peer.sendSnapshot(*open);
+        }
+        EXPECT_EQ(most, 1'000u) << "not all at once";
+        EXPECT_TRUE(std::ranges::all_of(
+            layers, [&](const LayerId& layer) { return peer.session.isJoined(layer); }));
+        peer.session.disconnected({ErrorCode::NotConnected, "cut"});
+        const Hello hello = peer.connect();
+        EXPECT_TRUE(checkClientControl(encodeControl(hello)));
+        std::set<LayerId> told(hello.open->begin(), hello.open->end());
+        peer.advance();
+        while (!peer.sent.empty()) {
+            const auto frame = peer.take<ControlFrame>();
+            EXPECT_TRUE(checkClientControl(frame->json));
+            const auto message = decodeControl(frame->json).value();
+            if (const auto* kept = std::get_if<KeepLayers>(&message))
+                told.insert(kept->layers.begin(), kept->layers.end());
+            if (const auto* open = std::get_if<OpenLayer>(&message)) {
+                told.insert(open->layer);
+                peer.sendSnapshot(*open);
+                peer.advance();
+            }
+            EXPECT_EQ(std::holds_alternative<KeepLayers>(message), isKnown);
+        }
+        EXPECT_TRUE(told == layers) << told.size();
+    }
+}
 
 // ---- sending
 

@@ -58,6 +58,8 @@ TEST(Control, EveryMessageComesBackAsItWas) {
     expectRoundTrip(hello);
     expectRoundTrip(Welcome{
         1, {"a"}, "shot", 4, 9, kHash, true, {{{"a.usda"}}, {{"s/b.usdc"}}}, 64 << 20, 4ull << 30});
+    expectRoundTrip(LayerList{{{"a.usda"}}, {{"s/b.usdc"}, {"c.usda"}}});
+    expectRoundTrip(KeepLayers{{{"a.usda"}}});
     expectRoundTrip(ProjectLayers{{{{"a.usda"}}, {{"s/b.usdc"}}}});
     expectRoundTrip(OpenLayer{5, {"a.usda"}, 7});
     expectRoundTrip(LayerOpened{5, {"a.usda"}, 7, 1000});

@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include "FakeHost.h"
+#include "usdlive/common/protocol/ServerControl.h"
 
 namespace usdlive::server::projecttest {
 namespace {
@@ -62,6 +63,100 @@ TEST(ProjectLayers, SE9SessionsAreNotifiedOfChangedLayers) {
     world.project->setFiles({{{"b.usda"}}, {{"late.usda"}}});
     EXPECT_EQ(world.nextControl<usdlive::ProjectLayers>(1),
               (usdlive::ProjectLayers{{{{"b.usda"}}, {{"late.usda"}}}}));
+}
+
+TEST(ProjectLayers, SE9TheListComesInPartsBeforeTheWelcomeThenWhatChanges) {
+    World world;
+    std::vector<LayerFile> files;
+    for (int number = 0; number < 50'000; ++number)
+        files.push_back({{std::string(150, 'n') + std::to_string(100'000 + number) + ".usda"}});
+    world.project->setFiles(files);
+    Hello hello = world.hello(1);
+    hello.features = {kLayerListFeature};
+    world.project->connected(1);
+    world.receive(1, ControlMessage(hello));
+    std::vector<LayerId> listed;
+    int parts = 0;
+    for (bool isWelcome = false; !isWelcome;) {
+        ASSERT_FALSE(world.silent(1));
+        const Bytes frame = world.host.sent[1].front();
+        EXPECT_LT(frame.size(), kUpdateBytes + 1'000);
+        const auto message =
+            decodeServerControl(std::get<ControlFrame>(*decodeFrame(frame)).json).value();
+        world.host.sent[1].pop_front();
+        if (const auto* list = std::get_if<LayerList>(&message)) {
+            ++parts;
+            listed.insert(listed.end(), list->added.begin(), list->added.end());
+        } else {
+            const auto& welcome = std::get<Welcome>(message);
+            EXPECT_TRUE(welcome.layers.empty());
+            isWelcome = true;
+        }
+    }
+    EXPECT_GT(parts, 1);
+    EXPECT_EQ(listed.size(), files.size());
+    files.front().layer = {"new.usda"};
+    world.project->setFiles(files);
+    EXPECT_EQ(world.nextControl<LayerList>(1), (LayerList{{}, {listed.front()}}));
+    EXPECT_EQ(world.nextControl<LayerList>(1), (LayerList{{{"new.usda"}}, {}}));
+    EXPECT_TRUE(world.silent(1));
+}
+
+TEST(ProjectLayers, SE2ALongListOfOpenLayersIsContinuedAfterTheWelcome) {
+    World world;
+    Hello watching = world.hello(1);
+    watching.features = {"states"};
+    world.connect(1, watching);
+    world.join(2);
+    world.host.sent.clear();
+    world.receive(2, ControlMessage(KeepLayers{{{"b.usda"}, {"unknown.usda"}}}));
+    const auto states = world.nextControl<LayerStates>(1);
+    ASSERT_EQ(states.layers.size(), 1u);
+    EXPECT_EQ(states.layers[0].layer, LayerId{"b.usda"});
+    EXPECT_EQ(states.layers[0].editors, std::vector<UserName>{{"user2"}});
+    EXPECT_TRUE(world.silent(2));
+}
+
+TEST(ProjectLayers, SE22TheSessionWithTheMostUnansweredRequestsGivesWay) {
+    Project::Options options;
+    options.sessionRequestBytes = 6'000;
+    options.requestBytes = 10'000;
+    World world(options);
+    for (const SessionId session : {1, 2, 3}) world.join(session);
+    std::uint64_t number = 0;
+    const auto ask = [&](SessionId session, int times) {
+        for (int time = 0; time < times; ++time)
+            world.receive(session, ControlMessage(OpenLayer{++number, {"a.usda"}, 0}));
+    };
+    ask(1, 5);
+    ask(2, 14);
+    EXPECT_TRUE(world.host.closed.empty());
+    ask(3, 13);
+    EXPECT_EQ(world.host.closed, std::set<SessionId>{2}) << "it has the most";
+    EXPECT_EQ(world.nextControl<ErrorMessage>(2).code, "malformedControl");
+    ask(3, 10);
+    EXPECT_EQ(world.host.closed, (std::set<SessionId>{2, 3})) << "beyond its own limit";
+    world.load();
+    EXPECT_EQ(world.nextControl<LayerOpened>(1).layer, LayerId{"a.usda"});
+}
+
+TEST(ProjectLayers, SE22AnsweredRequestsTakeNothing) {
+    Project::Options options;
+    options.sessionRequestBytes = 2'000;
+    World world(options);
+    world.join(1);
+    world.receive(1, ControlMessage(OpenLayer{1, {"a.usda"}, 0}));
+    world.load();
+    world.submit(1, 1, {create("/C")});
+    world.store();
+    for (std::uint64_t number = 2; number < 40; number += 4) {
+        world.receive(1, ControlMessage(OpenLayer{number, {"a.usda"}, 0}));
+        world.receive(1, ControlMessage(OpenLayer{number + 1, {"none.usda"}, 0}));
+        world.receive(1, ControlMessage(RequestLog{number + 2, 1, 1}));
+        while (!world.host.reading.empty()) world.answerRead();
+        world.receive(1, ControlMessage(SaveLayers{number + 3, {{"none.usda"}}, {}}));
+        EXPECT_TRUE(world.host.closed.empty()) << number;
+    }
 }
 
 TEST(ProjectLayers, ASnapshotContainsOnlyDurableCommits) {

@@ -118,6 +118,38 @@ TEST_F(ProjectParts, FR8AResumeAcrossItReadsFromTheStore) {
     EXPECT_EQ(world.nextFrame<CommitFrame>(3).commit.revision, 2u);
 }
 
+TEST_F(ProjectParts, SE22TheSessionWithTheMostUnfinishedPartsGivesWay) {
+    const auto all = parts(1, 1, paste());
+    std::size_t bytes = 0;
+    for (const Bytes& part : all) bytes += part.size();
+    world.options.maxTransactionBytes = bytes;  // 3 1/4 of them for all sessions together
+    world.restart();
+    for (const SessionId session : {1, 2, 3, 4, 5}) join(session);
+    const auto begin = [&](SessionId session, std::size_t count) {
+        const auto its = parts(session, 1, paste());
+        for (std::size_t part = 0; part < count; ++part)
+            world.project->received(session, its.at(part));
+    };
+    begin(1, 2);
+    for (const SessionId session : {2, 3, 4, 5}) begin(session, all.size() - 1);
+    EXPECT_FALSE(world.host.closed.contains(1)) << "it has the least";
+    ASSERT_EQ(world.host.closed.size(), 1u);
+    const SessionId gone = *world.host.closed.begin();
+    EXPECT_EQ(world.nextControl<ErrorMessage>(gone).code, "transactionTooLarge");
+}
+
+TEST_F(ProjectParts, SE22WhatWasOrderedOrRefusedTakesNothing) {
+    world.options.maxTransactionBytes = 4'000;
+    world.restart();
+    join(1);
+    for (std::uint64_t sequence = 1; sequence <= 20; ++sequence) {
+        submit(1, sequence);
+        if (sequence == 1) world.load();
+        world.store();
+    }
+    EXPECT_TRUE(world.host.closed.empty());
+}
+
 TEST_F(ProjectParts, FR8AClientWithoutPartsOpensItsLayersAgain) {
     join(1);
     join(2, false);

@@ -71,16 +71,17 @@ struct JoinProgress {
 /// Events for the editor, in order.
 namespace event {
 struct Connected {
-    Welcome welcome;
+    Welcome welcome;  ///< without the list of layers
     bool resumed = false;
-    bool leftHistory = false;  ///< ID4: the editor has left its history for the server's
+    bool leftHistory = false;             ///< ID4: the editor has left its history for the server's
+    std::vector<LayerId> newLayers = {};  ///< layers of the project that were not known before
 };
 struct Disconnected {
     Error reason;
 };
-/// The layers of the project have changed. `layers` is the new list.
+/// Layers were added to the project, or removed from it. Session::projectLayers() has all.
 struct LayersChanged {
-    std::vector<LayerId> layers;
+    std::vector<LayerId> added, removed;
 };
 /// Files of the project that are not live were added, changed or removed: textures, packages, and
 /// others that asset paths name. Loaded layers that were made from them are reloaded, except layers

@@ -67,7 +67,7 @@ struct Welcome {
     /// False if Hello::resume was absent or impossible (an ErrorMessage before this one says why):
     /// the client drops the confirmed content of its layers and opens them again.
     bool resumed = false;
-    std::vector<LayerInfo> layers;
+    std::vector<LayerInfo> layers;  ///< empty with the feature `layerList`
     std::uint64_t maxFrameBytes = 0;
     std::uint64_t maxBlobBytes = 0;
     std::optional<bool> administrator = {};  ///< locks do not apply to administrators (LK1)
@@ -79,12 +79,31 @@ struct Welcome {
                    maxFrameBytes, maxBlobBytes, administrator, base, maxTransactionBytes, store)
     bool operator==(const Welcome&) const = default;
 };
-/// Server: all layers of the project. Sent when they differ from the last message about them.
+/// Server: names that were added to the project's layers, or removed from them. Those of a
+/// session's first list, which is empty at first, come before its Welcome. Feature `layerList`
+/// (SE9).
+struct LayerList {
+    static constexpr std::string_view kType = "layerList";
+    std::vector<LayerId> added;
+    std::vector<LayerId> removed;
+    USDLIVE_FIELDS(added, removed)
+    bool operator==(const LayerList&) const = default;
+};
+inline constexpr const char* kLayerListFeature = "layerList";
+/// Server: all layers of the project, for sessions without the feature `layerList`. Sent when they
+/// differ from the last message about them.
 struct ProjectLayers {
     static constexpr std::string_view kType = "projectLayers";
     std::vector<LayerInfo> layers;
     USDLIVE_FIELDS(layers)
     bool operator==(const ProjectLayers&) const = default;
+};
+/// Client: layers that it has open, besides those of Hello::open. Feature `layerList` (SE2).
+struct KeepLayers {
+    static constexpr std::string_view kType = "keepLayers";
+    std::vector<LayerId> layers;
+    USDLIVE_FIELDS(layers)
+    bool operator==(const KeepLayers&) const = default;
 };
 /// Client: it does not need the layer any more.
 struct CloseLayer {
@@ -210,9 +229,9 @@ struct WithRequests<std::variant<Messages...>, std::variant<Requests...>> {
     using Type = std::variant<Messages..., Requests..., typename Requests::Answer...>;
 };
 using ControlMessage = WithRequests<
-    std::variant<Hello, Welcome, ProjectLayers, OpenLayer, LayerOpened, CloseLayer, RequestBlob,
-                 BlobStored, AlreadyCommitted, RequestProgress, RequestLog, LogBegin, LogEnd,
-                 LayerStates, ShowPresence, Presences, ErrorMessage>,
+    std::variant<Hello, Welcome, LayerList, ProjectLayers, OpenLayer, LayerOpened, KeepLayers,
+                 CloseLayer, RequestBlob, BlobStored, AlreadyCommitted, RequestProgress, RequestLog,
+                 LogBegin, LogEnd, LayerStates, ShowPresence, Presences, ErrorMessage>,
     AnyRequest>::Type;
 
 /// The features of this build, as hello and welcome name them: those of requests, and others.

@@ -3,10 +3,10 @@
 
 #include <cstddef>
 #include <functional>
-#include <map>
 #include <set>
 #include <vector>
 
+#include "usdlive/common/core/Budget.h"
 #include "usdlive/server/project/Project.h"
 
 namespace usdlive::server {
@@ -25,14 +25,12 @@ public:
         : setReading_(std::move(setReading)) {}
 
     void begin(SessionId session, std::size_t bytes) {
-        if ((sessions_[session] += bytes) > kSessionBytes) pause(session);
+        jobs_.take(session, bytes);
+        if (jobs_.isOver(session)) pause(session);
     }
     void end(SessionId session, std::size_t bytes) {
-        const auto entry = sessions_.find(session);
-        if (entry == sessions_.end()) return;
-        entry->second -= std::min(entry->second, bytes);
+        jobs_.giveBack(session, bytes);
         resume(session);
-        if (entry->second == 0) sessions_.erase(entry);
     }
     void beginStore(std::size_t bytes) { store_ += bytes; }
     void endStore(std::size_t bytes) {
@@ -45,7 +43,7 @@ public:
         if (store_ > kStoreBytes) pause(session);
     }
     void closed(SessionId session) {
-        sessions_.erase(session);
+        jobs_.giveBackAll(session);
         paused_.erase(session);
     }
 
@@ -56,13 +54,12 @@ private:
         if (paused_.insert(session).second) setReading_(session, false);
     }
     void resume(SessionId session) {
-        const auto entry = sessions_.find(session);
-        if (entry != sessions_.end() && entry->second > kSessionBytes / 2) return;
+        if (jobs_.of(session) > kSessionBytes / 2) return;
         if (store_ <= kStoreBytes && paused_.erase(session)) setReading_(session, true);
     }
 
     const std::function<void(SessionId, bool)> setReading_;
-    std::map<SessionId, std::size_t> sessions_;
+    Budget<SessionId> jobs_{{.each = kSessionBytes}};
     std::size_t store_ = 0;
     std::set<SessionId> paused_;
 };

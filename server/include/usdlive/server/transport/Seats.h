@@ -5,10 +5,11 @@
 #include <cstddef>
 #include <functional>
 #include <list>
-#include <map>
 #include <memory>
 #include <mutex>
 #include <string>
+
+#include "usdlive/common/core/Budget.h"
 
 namespace usdlive::server {
 
@@ -36,7 +37,7 @@ public:
         std::size_t gaveWay = 0;  ///< since the start
     };
 
-    explicit Seats(Limits limits) : table_(std::make_shared<Table>()) { table_->limits = limits; }
+    explicit Seats(Limits limits) : table_(std::make_shared<Table>(limits)) {}
 
     /// Returns whether another guest can take a seat. If none is free, lets a guest give way.
     [[nodiscard]] bool makeRoom(TimePoint now);
@@ -51,19 +52,23 @@ private:
     struct Guest {
         std::string address;
         TimePoint moved;
-        std::size_t bytes = 0;
         std::function<void()> giveWay;
         bool isLeaving = false;  // was told to give way; does not count any more
     };
     struct Table {
+        explicit Table(const Limits& limits) : limits(limits) {}
+
         mutable std::mutex mutex;  // guards all members, except `limits`
-        Limits limits;
+        const Limits limits;
         std::list<Guest> guests;  // without members
-        Counts counts;
+        // Without guests that are leaving.
+        Budget<std::string> seats{{.all = limits.guests}};  // by address
+        Budget<Guest*> bytes{{.all = limits.guestBytes}};
+        std::size_t members = 0, gaveWay = 0;
 
         bool letOneGo(TimePoint now);
         void letGo(Guest& guest);
-        void uncount(const Guest& guest);
+        void uncount(Guest& guest);
     };
 
     const std::shared_ptr<Table> table_;
