@@ -200,7 +200,7 @@ def registered():
 
 
 def test_a_module_is_registered_and_unregistered(registered, ctx, caplog):
-    assert {c.__name__ for c in registered} == {"SetComment", "FailingCommand", "EditCommand"}
+    assert {c.__name__ for c in registered} == {"SetComment", "FailingCommand", "EditCommand", "WriteCommand"}
     assert commands.get_command_class("Failing") is FailingCommand
     assert commands.get_command_class("FailingCommand") is FailingCommand
     assert run("SetComment", text="a") == "a"
@@ -1030,6 +1030,225 @@ def test_undo_in_a_live_project_keeps_edits_of_others(live, caplog):
     assert result and [kept.path for kept in result.kept] == ["/World/Ball"]
     texts_now = synced(context, ada)
     assert "radius = 50" in texts_now["strong.usda"] and "int hers = 1" in texts_now["root.usda"]
+
+
+class WriteCommand(commands.RecordedCommand):
+    """Writes what `write(root layer)` writes."""
+
+    def __init__(self, write, usd_context=""):
+        super().__init__(usd_context)
+        self._write = write
+
+    def edit(self, recorder):
+        for layer in self.stage.GetLayerStack(False):
+            recorder.touch(layer, deep=True)
+        self._write(self.stage.GetRootLayer())
+
+
+@pytest.fixture
+def writes():
+    commands.register(WriteCommand)
+    yield
+    commands.unregister(WriteCommand)
+
+
+def number(layer, path, value):
+    """Gives the attribute a default value; None removes the attribute. Creates what it needs."""
+    prim = Sdf.CreatePrimInLayer(layer, Sdf.Path(path).GetPrimPath())
+    name = Sdf.Path(path).name
+    if value is None:
+        if name in prim.attributes:
+            del prim.properties[name]
+    else:
+        attribute = prim.attributes.get(name) or Sdf.AttributeSpec(prim, name, Sdf.ValueTypeNames.Double)
+        attribute.default = value
+
+
+NUMBER = """
+def number(path, value, layer=stage.GetRootLayer()):
+    prim, name = Sdf.CreatePrimInLayer(layer, Sdf.Path(path).GetPrimPath()), Sdf.Path(path).name
+    if value is None:
+        if name in prim.attributes:
+            del prim.properties[name]
+    else:
+        attribute = prim.attributes.get(name) or Sdf.AttributeSpec(prim, name, Sdf.ValueTypeNames.Double)
+        attribute.default = value
+"""
+
+
+def write(context, ada, edit):
+    assert commands.execute("Write", write=edit, usd_context="test")[0]
+    synced(context, ada)
+
+
+def colleague(context, ada, *codes):
+    """Each code is a transaction of its own; the context receives all in one frame."""
+    connection = context.live
+    ada.run(NUMBER)
+    for code in codes:
+        ada.run(NUMBER + code)
+        ada.flush()
+    synced(context, ada)
+
+
+def changed_back(result, kept):
+    assert result and [(one.path, one.field) for one in result.kept] == kept, result
+
+
+def test_a_value_that_another_one_has_written_again_stays(live, writes):
+    context, ada = live
+    ball = context.get_stage().GetRootLayer().GetAttributeAtPath("/World/Ball.radius")
+    write(context, ada, lambda layer: number(layer, "/World/Ball.radius", 2.0))
+    colleague(context, ada, "number('/World/Ball.radius', 3.0)", "number('/World/Ball.radius', 2.0)")
+    changed_back(undo.undo("test"), [("/World/Ball.radius", "default")])
+    synced(context, ada)
+    assert ball.default == 2
+
+    # Own writes since do not make it one's own.
+    write(context, ada, lambda layer: number(layer, "/World/Ball.radius", 5.0))
+    changed_back(undo.undo("test"), [])
+    assert ball.default == 2
+
+
+def test_a_value_that_another_one_has_written_before_is_restored(live, writes):
+    context, ada = live
+    ball = context.get_stage().GetRootLayer().GetAttributeAtPath("/World/Ball.radius")
+    write(context, ada, lambda layer: number(layer, "/World/Ball.x", 1.0))
+    colleague(context, ada, "number('/World/Ball.radius', 3.0)")
+    # The undo comes before the server has confirmed the edit, too.
+    assert commands.execute("Write", write=lambda layer: number(layer, "/World/Ball.radius", 4.0),
+                            usd_context="test")[0]
+    changed_back(undo.undo("test"), [])
+    assert ball.default == 3
+    changed_back(undo.redo("test"), [])
+    synced(context, ada)
+    changed_back(undo.undo("test"), [])
+    assert ball.default == 3
+
+
+def test_a_part_that_another_one_has_created_again_stays(live, writes):
+    context, ada = live
+    root = context.get_stage().GetRootLayer()
+    write(context, ada, lambda layer: number(layer, "/World/Box.size", 2.0))
+    colleague(context, ada, "number('/World/Box.size', None)", "number('/World/Box.size', 2.0)")
+    changed_back(undo.undo("test"), [("/World/Box.size", None)])
+    assert "size = 2" in synced(context, ada)["root.usda"] and root.GetAttributeAtPath("/World/Box.size")
+
+
+def test_a_part_that_another_one_has_deleted_since_stays_deleted(live, writes):
+    context, ada = live
+    root = context.get_stage().GetRootLayer()
+    write(context, ada, lambda layer: number(layer, "/World/Ball.radius", None))
+    colleague(context, ada, "number('/World/Ball.radius', 7.0)", "number('/World/Ball.radius', None)")
+    changed_back(undo.undo("test"), [("/World/Ball.radius", None)])
+    synced(context, ada)
+    assert not root.GetAttributeAtPath("/World/Ball.radius")
+
+
+def test_redo_leaves_what_another_one_has_written_since(live, writes):
+    context, ada = live
+    root = context.get_stage().GetRootLayer()
+
+    def both(layer):
+        number(layer, "/World/Ball.radius", 2.0)
+        number(layer, "/World/Ball.mine", 2.0)
+
+    write(context, ada, both)
+    changed_back(undo.undo("test"), [])
+    synced(context, ada)
+    colleague(context, ada, "number('/World/Ball.radius', 3.0)")
+    for _ in range(2):
+        changed_back(undo.redo("test"), [("/World/Ball.radius", "default")])
+        synced(context, ada)
+        assert root.GetAttributeAtPath("/World/Ball.radius").default == 3
+        assert root.GetAttributeAtPath("/World/Ball.mine").default == 2
+        changed_back(undo.undo("test"), [])
+        synced(context, ada)
+        assert root.GetAttributeAtPath("/World/Ball.radius").default == 3
+        assert not root.GetAttributeAtPath("/World/Ball.mine")
+
+
+def test_redo_does_not_delete_what_another_one_has_written_since(live, writes):
+    context, ada = live
+    root = context.get_stage().GetRootLayer()
+
+    def delete(layer):
+        world = layer.GetPrimAtPath("/World")
+        if "Ball" in world.nameChildren:
+            del world.nameChildren["Ball"]
+
+    write(context, ada, delete)
+    changed_back(undo.undo("test"), [])
+    synced(context, ada)
+    colleague(context, ada, "number('/World/Ball.radius', 3.0)")
+    changed_back(undo.redo("test"), [("/World/Ball", None)])
+    synced(context, ada)
+    assert root.GetAttributeAtPath("/World/Ball.radius").default == 3
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_undo_and_redo_change_only_what_one_has_written_last(seed, live, writes):
+    """The oracle knows for each attribute of each layer its value, and in which order both have written it."""
+    context, ada = live
+    dice = random.Random(seed)
+    layers = {one.GetDisplayName(): one for one in context.get_stage().GetLayerStack(False)}
+    paths = [(layer, f"/World/{prim}.{name}") for layer in ("root.usda", "strong.usda")
+             for prim in ("Ball", "New") for name in "ab"]
+    for layer, path in paths[::2]:
+        number(layers[layer], path, 0.0)
+    synced(context, ada)
+    values = dict.fromkeys(paths[::2], 0.0) | dict.fromkeys(paths[1::2])
+    theirs = dict.fromkeys(paths, 0)  # when the colleague has written last
+    done, undone = [], []  # (when, written, replaced): of each command
+
+    def check():
+        synced(context, ada)
+        have = {(layer, path): spec.default if (spec := layers[layer].GetAttributeAtPath(path)) else None
+                for layer, path in paths}
+        assert have == values
+
+    def reported(result, kept):
+        assert result and kept <= {(os.path.basename(one.layer), one.path) for one in result.kept}
+
+    for now in range(1, 40):
+        action = dice.choice(["do", "undo", "redo", "colleague", "colleague"])
+        if action == "do":
+            written = {path: dice.choice([1.0, 2.0, None]) for path in dice.sample(paths, 2)}
+            write(context, ada, lambda _, w=written: [number(layers[layer], path, value)
+                                                      for (layer, path), value in w.items()])
+            done.append((now, written, {path: values[path] for path in written}))
+            undone.clear()
+            values |= written
+        elif action == "colleague":
+            path = dice.choice(paths)
+            new = [dice.choice([3.0, None]), values[path]] if dice.random() < 0.6 else [dice.choice([1.0, 2.0])]
+            before = values[path]
+            for value in new:
+                if value != before:
+                    theirs[path] = now
+                before = value
+            colleague(context, ada, *(f"number({path[1]!r}, {value}, layer({path[0]!r}))" for value in new))
+            values[path] = new[-1]
+        elif action == "undo" and done:
+            when, written, replaced = done.pop()
+            undone.append((when, written))
+            kept = set()
+            for path, value in written.items():
+                if replaced[path] == value:
+                    continue
+                if theirs[path] <= when and values[path] == value:
+                    values[path] = replaced[path]
+                elif values[path] != replaced[path]:
+                    kept.add(path)
+            reported(undo.undo("test"), kept)
+        elif action == "redo" and undone:
+            when, written = undone.pop()
+            replaced = {path: values[path] for path in written}
+            kept = {path for path in written if theirs[path] > when and values[path] != written[path]}
+            reported(undo.redo("test"), kept)
+            values |= {path: value for path, value in written.items() if path not in kept}
+            done.append((when, {p: v for p, v in written.items() if p not in kept}, replaced))
+        check()
 
 
 def test_a_live_prim_is_moved_back_with_edits_of_others(live):

@@ -69,14 +69,24 @@ nb::tuple toTuple(const Kept& kept) {
     return nb::make_tuple(kept.layer, kept.path.GetString(), field, partOf(kept.part), kept.reason);
 }
 
-nb::list undo(const Record& record, const Texts& shared) {
-    const auto isShared = [&](const pxr::SdfLayerHandle& layer) {
+Record::IsShared isAmong(const Texts& shared) {
+    return [&](const pxr::SdfLayerHandle& layer) {
         return std::ranges::find(shared, layer->GetIdentifier()) != shared.end();
     };
+}
+
+nb::list toList(const std::vector<Kept>& kept) {
     nb::list result;
-    for (const Kept& kept : written([&] { return record.undo(isShared); }))
-        result.append(toTuple(kept));
+    for (const Kept& one : kept) result.append(toTuple(one));
     return result;
+}
+
+nb::list undo(const Record& record, const Texts& shared) {
+    return toList(written([&] { return record.undo(isAmong(shared)); }));
+}
+
+nb::list keepOthers(Record& record, const Record& earlier, const Texts& shared) {
+    return toList(written([&] { return record.keepOthers(earlier, isAmong(shared)); }));
 }
 
 Texts identifiers(const Record& record) {
@@ -90,7 +100,8 @@ void bindRecorder(nb::module_& module) {
         .def(nb::init<>())
         .def("is_empty", &Record::isEmpty)
         .def("layers", &identifiers)
-        .def("undo", &undo);
+        .def("undo", &undo)
+        .def("keep_others", &keepOthers);
     nb::class_<Recorder>(module, "Recorder")
         .def(nb::init<>())
         .def("touch", [](Recorder& self, Text layer, Text path,

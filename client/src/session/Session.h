@@ -76,6 +76,10 @@ public:
     virtual void reset(const LayerId& layer, const LayerDoc& doc) = 0;
     /// Applies one change to the content that the editor shows. The path is absolute.
     virtual void apply(const LayerId& layer, const std::string& path, const EditAction& action) = 0;
+    /// Called with each commit of another client.
+    virtual void othersCommitted(const Commit& /*commit*/) {}
+    /// Called with each commit of this client. Its author had received the commits up to `base`.
+    virtual void ownCommitted(const Commit& /*commit*/, Revision /*base*/) {}
 };
 
 /// One client's side of the protocol: the confirmed layers, the pending transactions on top, and

@@ -69,6 +69,10 @@ void Session::Impl::apply(const Commit& commit) {
             if (opened.joining) join(layer);
         return;
     }
+    if (!mine)
+        editor_.othersCommitted(commit);
+    else if (own)
+        editor_.ownCommitted(commit, own->transaction.base);
     if (!frozen_) applyToEditor(commit, own != nullptr, current);
     if (mine) acknowledge(commit, current);
     prune();

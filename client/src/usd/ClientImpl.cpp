@@ -10,6 +10,7 @@
 #include "usd/Clocks.h"
 #include "usd/DynamicPayloads.h"
 #include "usd/Raised.h"
+#include "usd/content/OthersWrites.h"
 #include "usdlive/common/core/ClientSecret.h"
 
 namespace usdlive {
@@ -439,6 +440,33 @@ void Client::Impl::apply(const LayerId& id, const std::string& path, const EditA
         unplaced_.insert(id);
     else
         live->place();
+}
+
+// Calls `note` with each edit of a layer for which writes of others are noted.
+template <class Note>
+void Client::Impl::noteWrites(const Commit& commit, const Note& note) {
+    const LayerId* layer = nullptr;  // layer of the edit before
+    std::shared_ptr<content::OthersWrites> writes;
+    for (const Edit& edit : commit.edits) {
+        if (!layer || *layer != edit.layer) {
+            layer = &edit.layer;
+            const LiveLayer* live = layers_.find(*layer);
+            writes = live ? content::OthersWrites::find(live->layer()) : nullptr;
+        }
+        if (writes) note(*writes, edit);
+    }
+}
+
+void Client::Impl::othersCommitted(const Commit& commit) {
+    noteWrites(commit, [&](content::OthersWrites& writes, const Edit& edit) {
+        writes.note(edit, commit.revision);
+    });
+}
+
+void Client::Impl::ownCommitted(const Commit& commit, Revision base) {
+    noteWrites(commit, [&](content::OthersWrites& writes, const Edit& edit) {
+        writes.noteOwn(edit, base);
+    });
 }
 
 }  // namespace usdlive

@@ -135,11 +135,15 @@ public:
     void arrived(const LayerId& id, const LayerDoc& snapshot) override;
     void reset(const LayerId& id, const LayerDoc& doc) override;
     void apply(const LayerId& id, const std::string& path, const EditAction& action) override;
+    void othersCommitted(const Commit& commit) override;
+    void ownCommitted(const Commit& commit, Revision base) override;
 
 private:
     static client::Session::Options sessionOptions(const Options& options, const Hash& secret);
 
     void work(double budgetMs, TickResult& result, Seal seal);
+    template <class Note>
+    void noteWrites(const Commit& commit, const Note& note);
     bool exchange(double budgetMs, Seal seal);
     /// Advances the session, and writes each list of children that it orders once.
     bool advance(double budgetMs);

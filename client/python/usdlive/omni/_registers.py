@@ -62,10 +62,17 @@ class Record:
         self._record = record or _content.Record()
 
     def undo(self, is_shared: typing.Callable[[Sdf.Layer], bool] = lambda _: False) -> list[Kept]:
-        """Undoes the edits. In a shared layer, restores only content that is still as it was written, and
+        """Undoes the edits. In a shared layer, restores only content that nobody else has written since, and
         returns the rest. In other layers, restores the earlier state regardless of later edits."""
-        shared = [layer for layer in self._record.layers() if is_shared(Sdf.Layer.Find(layer))]
-        return [Kept(*kept) for kept in self._record.undo(shared)]
+        return [Kept(*kept) for kept in self._record.undo(self._shared(is_shared))]
+
+    def keep_others(self, earlier: Record, is_shared: typing.Callable[[Sdf.Layer], bool]) -> list[Kept]:
+        """Call it when these edits are those of `earlier`, made again. Reverts those where somebody else has
+        written in a shared layer since `earlier`, and returns them."""
+        return [Kept(*kept) for kept in self._record.keep_others(earlier._record, self._shared(is_shared))]
+
+    def _shared(self, is_shared: typing.Callable[[Sdf.Layer], bool]) -> list[str]:
+        return [layer for layer in self._record.layers() if is_shared(Sdf.Layer.Find(layer))]
 
 
 class Recorder:

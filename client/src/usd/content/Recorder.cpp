@@ -7,12 +7,14 @@
 
 #include <algorithm>
 #include <map>
+#include <ranges>
 #include <set>
 #include <unordered_map>
 #include <utility>
 
 #include "usd/content/LayerEdits.h"
 #include "usd/content/ListMerge.h"
+#include "usd/content/OthersWrites.h"
 #include "usd/content/SpecEdits.h"
 
 namespace usdlive::content {
@@ -23,6 +25,8 @@ using pxr::SdfPath;
 using pxr::TfToken;
 using pxr::TfTokenVector;
 using pxr::VtValue;
+
+constexpr const char* kWrittenSince = "another user has written it since";
 
 /// The content of a layer at a path, with `deep` also below, at one moment.
 class LayerScope {
@@ -42,13 +46,14 @@ public:
     std::unordered_map<SdfPath, Fields, SdfPath::Hash> fields;
     std::map<SdfPath, TfTokenVector> order;  ///< the order of the children of prims
     SdfLayerRefPtr specs;
+    std::shared_ptr<OthersWrites> others;
 
 private:
     void keepOrder(const SdfPath& parent) { order[parent] = primChildren(layer, parent); }
 };
 
 LayerScope::LayerScope(SdfLayerRefPtr of, SdfPath at, bool isDeep)
-    : layer(std::move(of)), root(std::move(at)), deep(isDeep) {
+    : layer(std::move(of)), root(std::move(at)), deep(isDeep), others(OthersWrites::of(layer)) {
     if (deep)
         paths = pathsBelow(layer, root);
     else if (layer->HasSpec(root))
@@ -89,9 +94,15 @@ public:
     [[nodiscard]] bool isEmpty() const {
         return created_.empty() && deleted_.empty() && changes_.empty();
     }
+    /// Keeps only the moment of an empty difference, which keepOthers() needs.
+    void dropContent();
     [[nodiscard]] const SdfLayerRefPtr& layer() const { return before_.layer; }
     /// `force` ignores later edits by others.
     void undo(bool force, std::vector<Kept>& kept) const;
+    /// Reverts edits of registers and specs that others have written after `written`.
+    void keepOthers(std::vector<Kept>& kept) const;
+    [[nodiscard]] Revision written() const { return written_; }
+    void setWritten(Revision written) { written_ = written; }
 
 private:
     // Return the reason why something was not undone, or an empty text on success.
@@ -108,10 +119,11 @@ private:
     LayerScope before_, after_;
     std::vector<SdfPath> created_, deleted_;  // deleted_: without the specs below them
     std::vector<Change> changes_;
+    Revision written_;  // when the edits were made; others write later
 };
 
 ScopeDifference::ScopeDifference(LayerScope before, LayerScope after)
-    : before_(std::move(before)), after_(std::move(after)) {
+    : before_(std::move(before)), after_(std::move(after)), written_(after_.others->last()) {
     const auto isGone = [this](const SdfPath& path) {
         return before_.has(path) && !after_.has(path);
     };
@@ -124,6 +136,36 @@ ScopeDifference::ScopeDifference(LayerScope before, LayerScope after)
         }
         auto changes = changesBetween(path, before_.fields.at(path), after_.fields.at(path));
         std::ranges::move(changes, std::back_inserter(changes_));
+    }
+}
+
+void ScopeDifference::dropContent() {
+    for (LayerScope* scope : {&before_, &after_}) {
+        scope->paths = {};
+        scope->fields = {};
+        scope->order = {};
+        scope->specs = {};
+    }
+}
+
+void ScopeDifference::keepOthers(std::vector<Kept>& kept) const {
+    const std::string& id = layer()->GetIdentifier();
+    for (const Change& change : changes_) {
+        if (!after_.others->wroteRegister(change, written_)) continue;
+        write(change, change.before);
+        kept.push_back({id, change.path, change.field, change.part, kWrittenSince});
+    }
+    for (const SdfPath& path : created_) {  // others have deleted it since
+        if (!layer()->HasSpec(path) || !after_.others->changedSpec(path, written_)) continue;
+        removeSpec(layer(), path);
+        kept.push_back({id, path, {}, {}, kWrittenSince});
+    }
+    for (auto path = deleted_.rbegin(); path != deleted_.rend(); ++path) {
+        const auto isTheirs = [&](const SdfPath& below) {
+            return below.HasPrefix(*path) && after_.others->wroteSpec(below, written_);
+        };
+        if (std::ranges::none_of(before_.paths, isTheirs)) continue;
+        if (restore(*path, true).empty()) kept.push_back({id, *path, {}, {}, kWrittenSince});
     }
 }
 
@@ -156,6 +198,7 @@ std::string ScopeDifference::takeBack(const Change& change) const {
     if (!layer()->HasSpec(change.path)) return "it is no longer there";
     const VtValue present = readRegister(layer(), change.path, change.field, change.part);
     if (isSame(present, change.after)) {
+        if (after_.others->wroteRegister(change, written_)) return kWrittenSince;
         write(change, change.before);
         return {};
     }
@@ -183,6 +226,7 @@ std::string ScopeDifference::undoCreate(const SdfPath& path) const {
     if (!layer()->HasSpec(path)) return {};
     if (!changesBetween(path, after_.fields.at(path), readFields(layer(), path)).empty())
         return "another user has changed it since";
+    if (after_.others->wroteSpec(path, written_)) return kWrittenSince;
     if (pathsBelow(layer(), path).size() > 1) return "another user's edits are below it";
     removeSpec(layer(), path);
     return {};
@@ -190,6 +234,8 @@ std::string ScopeDifference::undoCreate(const SdfPath& path) const {
 
 std::string ScopeDifference::restore(const SdfPath& path, bool force) const {
     if (!force && layer()->HasSpec(path)) return "another user has created it again";
+    if (!force && after_.others->changedSpec(path, written_))
+        return "another user has deleted it since";
     if (!layer()->HasSpec(ownerOf(path))) return "its parent is no longer there";
     pxr::SdfCopySpec(before_.specs, path, layer(), path);
     return {};
@@ -228,13 +274,15 @@ Record::Record() : Record(std::vector<ScopeDifference>()) {}
 Record::Record(std::vector<ScopeDifference> differences)
     : differences_(std::make_shared<const std::vector<ScopeDifference>>(std::move(differences))) {}
 
-bool Record::isEmpty() const { return differences_->empty(); }
+bool Record::isEmpty() const {
+    return std::ranges::all_of(*differences_, &ScopeDifference::isEmpty);
+}
 
 std::vector<SdfLayerHandle> Record::layers() const {
     std::vector<SdfLayerHandle> layers;
     for (const auto& difference : *differences_)
         if (const SdfLayerHandle layer = difference.layer();
-            std::ranges::find(layers, layer) == layers.end())
+            !difference.isEmpty() && std::ranges::find(layers, layer) == layers.end())
             layers.push_back(layer);
     return layers;
 }
@@ -244,6 +292,23 @@ std::vector<Kept> Record::undo(const IsShared& isShared) const {
     std::vector<Kept> kept;
     for (auto difference = differences_->rbegin(); difference != differences_->rend(); ++difference)
         difference->undo(!isShared(difference->layer()), kept);
+    return kept;
+}
+
+std::vector<Kept> Record::keepOthers(const Record& earlier, const IsShared& isShared) {
+    std::map<SdfLayerHandle, Revision> written;
+    for (const auto& difference : *earlier.differences_)
+        written.emplace(difference.layer(), difference.written());
+    const pxr::SdfChangeBlock block;
+    std::vector<Kept> kept;
+    auto differences = *differences_;
+    for (ScopeDifference& difference : differences | std::views::reverse) {
+        const auto since = written.find(difference.layer());
+        if (since == written.end() || !isShared(difference.layer())) continue;
+        difference.setWritten(since->second);
+        difference.keepOthers(kept);
+    }
+    *this = Record(std::move(differences));
     return kept;
 }
 
@@ -285,7 +350,8 @@ Record Recorder::finish() {
     for (LayerScope& before : scopes_) {
         LayerScope after = before.now();
         ScopeDifference difference(std::move(before), std::move(after));
-        if (!difference.isEmpty()) differences.push_back(std::move(difference));
+        if (difference.isEmpty()) difference.dropContent();
+        differences.push_back(std::move(difference));
     }
     scopes_.clear();
     touched_.clear();

@@ -39,11 +39,15 @@ public:
     [[nodiscard]] std::vector<pxr::SdfLayerHandle> layers() const;
 
     /// Undoes the edits in one change block. In a layer for which `isShared` is true, restores only
-    /// registers that still have the recorded content, and returns the others. In other layers,
-    /// restores the earlier state regardless of later edits. May be called again after the same
-    /// edits were made again.
+    /// registers that still have the recorded content and that no other client has written since,
+    /// and returns the others. In other layers, restores the earlier state regardless of later
+    /// edits. May be called again after the same edits were made again.
     using IsShared = std::function<bool(const pxr::SdfLayerHandle&)>;
     std::vector<Kept> undo(const IsShared& isShared) const;
+    /// Call it when this record's edits are those of `earlier`, made again. Reverts what they
+    /// changed in shared layers although other clients have written there since `earlier`, and
+    /// returns it. From then on this record's edits count as made when those of `earlier` were.
+    std::vector<Kept> keepOthers(const Record& earlier, const IsShared& isShared);
 
 private:
     std::shared_ptr<const std::vector<ScopeDifference>> differences_;

@@ -66,6 +66,14 @@ class RecordedCommand(Command):
         finally:
             self._record = recorder.finish()
 
+    def redo(self) -> list[Kept]:
+        """Calls do() again. In a live layer, what somebody else has written since the first time stays. Returns
+        these parts."""
+        earlier = self._record
+        self.do()
+        with self.context.recording(None), Sdf.ChangeBlock():
+            return self._record.keep_others(earlier, self.context.is_live_layer)
+
     def roll_back(self) -> None:
         """Undoes everything after a do() that failed."""
         self._record.undo()

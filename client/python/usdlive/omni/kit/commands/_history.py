@@ -66,14 +66,14 @@ class History:
             self._closing = context.get_stage_event_stream().create_subscription_to_pop_by_type(
                 StageEventType.CLOSED, lambda _: (history := itself()) and history.clear())
 
-    def run(self, entry: Entry) -> typing.Any:
+    def run(self, entry: Entry, do: typing.Callable[[], typing.Any] | None = None) -> typing.Any:
         """Executes the command. If it fails, undoes the commands that it has executed itself."""
         if _groups.depth and not self._open:
             self._open.append(Entry("group"))
             _groups.histories.append(self)
         self._open.append(entry)
         try:
-            result = entry.command.do()
+            result = (do or entry.command.do)()
         except BaseException:
             self._open.pop()
             entry.undo_children()
@@ -117,20 +117,22 @@ class History:
         entry = self.redo_steps.pop()
         try:
             with _redoing.counted():
-                self._again(entry)
+                kept = tuple(self._again(entry))
         except Exception as error:  # noqa: BLE001
             log_failure(entry.name, error)
             return UndoResult(False, entry.name, error=str(error))
-        return UndoResult(True, entry.name)
+        for item in kept:
+            _log.warning("Redoing %s did not change %s", entry.name, item)
+        return UndoResult(True, entry.name, kept)
 
-    def _again(self, entry: Entry) -> None:
-        if entry.command is not None:
-            self.run(Entry(entry.name, entry.command, entry.kwargs))
-            return
+    def _again(self, entry: Entry) -> list[Kept]:
+        if (command := entry.command) is not None:
+            redo = command.redo if isinstance(command, RecordedCommand) else None
+            result = self.run(Entry(entry.name, command, entry.kwargs), redo)
+            return result if redo else []
         self._open.append(group := Entry(entry.name))
         try:
-            for child in entry.children:
-                self._again(child)
+            return [kept for child in entry.children for kept in self._again(child)]
         finally:
             self._open.pop()
             self._keep(group)
