@@ -3,7 +3,9 @@ live ones."""
 
 from __future__ import annotations
 
+import asyncio
 import gc
+import inspect
 import os
 import stat
 import threading
@@ -511,6 +513,41 @@ def test_linking(scene):
     assert scene.root.customLayerData["omni_layer"]["specs_linking"]["/A.x"] == ["./strong.usda"]
     layers.unlink_all_specs(context)
     assert layers.get_all_spec_links(context) == {}
+
+
+def test_suspended_links(scene):
+    linking = scene.layers.get_specs_linking()
+    linking.link_spec("/A.x", scene.strong.identifier)
+    scene.edit(LayerEditMode.SPECS_LINKING)
+    linking.suspend()
+    scene.stage.GetAttributeAtPath("/A.x").Set(5.0)
+    scene.frame()
+    assert not scene.strong.GetAttributeAtPath("/A.x") and scene.stage.GetAttributeAtPath("/A.x").Get() == 5
+    linking.resume()
+    scene.frame()
+    assert scene.strong.GetAttributeAtPath("/A.x").default == 5 and scene.weak.GetAttributeAtPath("/A.x").default == 1
+
+
+def test_there_are_no_live_sessions(scene, caplog):
+    syncing = layers.get_live_syncing(scene.context)
+    assert isinstance(syncing, layers.LiveSyncing) and layers.get_live_syncing("no such context") is None
+    assert syncing.layers_instance is scene.layers and syncing.usd_context is scene.context
+    values = {"layer_identifier": scene.root.identifier, "prim_path": "/A", "stop_session": True}
+    answers = {}
+    for name in (name for name in dir(syncing) if not name.startswith("_")):
+        function = getattr(syncing, name)
+        if not callable(function) or function in (syncing.layers_instance, syncing.usd_context):
+            continue
+        needed = [parameter for parameter in inspect.signature(function).parameters.values()
+                  if parameter.default is parameter.empty]
+        answer = function(*(values.get(parameter.name, "x") for parameter in needed))
+        answers[name] = asyncio.run(answer) if inspect.iscoroutine(answer) else answer
+    done, why = answers.pop("open_stage_with_live_session_async")
+    assert not done and "usdlive://" in why
+    assert len(answers) >= 25 and not any(answers.values())
+    assert "there are no live sessions" in caplog.text
+    with pytest.raises(TypeError, match="no sessions"):
+        layers.LiveSession()
 
 
 def test_locking(scene):

@@ -21,16 +21,17 @@ from usdlive.omni._events import EventStream, Subscription
 from . import _subscriptions
 from ._layers import (AutoAuthoring, Layers, LayersState, RefusedEdit, SpecsLinking, SpecsLocking,
                       authoring_context)
+from ._live_syncing import LiveSession, LiveSyncing
 from ._payload import LayerEventPayload, get_layer_event_payload
 from ._types import LayerEditMode, LayerErrorType, LayerEventType, layer_event_name, layer_event_type
 from ._utils import LayerUtils
 
 __all__ = [
     "AutoAuthoring", "LayerEditMode", "LayerErrorType", "LayerEventPayload", "LayerEventType", "LayerUtils",
-    "Layers", "LayersState", "RefusedEdit", "SpecsLinking", "SpecsLocking", "active_authoring_layer_context",
+    "Layers", "LayersState", "LiveSession", "LiveSyncing", "RefusedEdit", "SpecsLinking", "SpecsLocking", "active_authoring_layer_context",
     "get_all_locked_specs", "get_all_spec_links", "get_auto_authoring", "get_event_stream",
     "get_last_error_string", "get_last_error_type", "get_layer_event_payload", "get_layers",
-    "get_layers_state", "get_live_session_name_from_shared_link", "get_short_user_name",
+    "get_layers_state", "get_live_session_name_from_shared_link", "get_live_syncing", "get_short_user_name",
     "get_spec_layer_links", "get_spec_links_for_layers", "get_specs_linking", "get_specs_locking",
     "is_spec_linked", "is_spec_locked", "layer_event_name", "layer_event_type", "link_specs", "lock_specs",
     "subscribe_to_custom_data", "subscribe_to_prim_specs", "subscribe_to_sublayers", "unlink_all_specs",
@@ -75,6 +76,11 @@ def get_specs_linking(context_name_or_instance: typing.Any = "") -> SpecsLinking
 def get_specs_locking(context_name_or_instance: typing.Any = "") -> SpecsLocking | None:
     layers = get_layers(context_name_or_instance)
     return layers.get_specs_locking() if layers else None
+
+
+def get_live_syncing(context_name_or_instance: typing.Any = "") -> LiveSyncing | None:
+    layers = get_layers(context_name_or_instance)
+    return layers.get_live_syncing() if layers else None
 
 
 def get_event_stream(context_name_or_instance: typing.Any = "") -> EventStream | None:

@@ -16,6 +16,7 @@ from usdlive.omni.kit.app import ORDER_EVENTS, ORDER_LAYERS, get_app
 from usdlive.omni.usd import StageEventType
 
 from ._host import StageHost
+from ._live_syncing import LiveSyncing
 from ._removal import shadow_removal, unshadow_removal
 from ._types import LayerEditMode, LayerErrorType, LayerEventType, layer_event_name, layer_event_type
 
@@ -255,6 +256,15 @@ class SpecsLinking(_Part):
         if native := self._native:
             native.unlink_all_specs()
 
+    def suspend(self) -> None:
+        """Keeps edits in the delegate until resume()."""
+        if native := self._native:
+            native.suspend()
+
+    def resume(self) -> None:
+        if native := self._native:
+            native.resume()
+
     def get_spec_layer_links(self, spec_path: str, hierarchy: bool = False) -> dict[str, list[str]]:
         native = self._native
         return native.spec_links(str(spec_path), hierarchy) if native else {}
@@ -350,6 +360,9 @@ class Layers:
 
     def get_specs_locking(self) -> SpecsLocking:
         return self._locking
+
+    def get_live_syncing(self) -> LiveSyncing:
+        return LiveSyncing(self)
 
     @property
     def usd_context(self) -> Context | None:
