@@ -7,6 +7,7 @@ import signal
 import stat
 import subprocess
 import sys
+import threading
 import time
 
 import pytest
@@ -1047,6 +1048,27 @@ def test_a_live_stage_is_edited_by_two_and_saved_by_the_server(live, editor, cal
     assert call(ctx, "close_stage")[0] is True and ctx.live is None
     assert ada.run("assert live.wait(lambda: live.layer_states()['shot.usda'].editors == ('ada',), 10)\n"
                    "result = 1") == 1
+
+
+@pytest.mark.parametrize("operation", ["open_stage_async", "reopen_stage_async", "close_stage_async",
+                                       "attach_stage_async"])
+def test_another_thread_does_not_leave_a_live_stage(operation, live, editor, ctx, ball):
+    server, url = live
+    assert ctx.open_stage(url)
+    stage = ctx.get_stage()
+    arguments = {"open_stage_async": (ball,), "attach_stage_async": (Usd.Stage.Open(ball),)}.get(operation, ())
+    answers = []
+    thread = threading.Thread(target=lambda: answers.append(asyncio.run(getattr(ctx, operation)(*arguments))))
+    thread.start()
+    thread.join()
+    done, why = answers[0]
+    assert not done and url in why and "thread" in why
+    assert ctx.get_stage() == stage and ctx.can_close_stage()
+    ada = editor(server, "ada", "shot.usda")
+    ada.run("stage.GetAttributeAtPath('/Ball.radius').Set(5.0)")
+    ada.flush()
+    wait_frames(lambda: radius(stage).Get() == 5)
+    assert ctx.close_stage()
 
 
 def test_a_live_stage_opens_beside_the_event_loop(live, ctx):

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import dataclasses
 import logging
+import threading
 import typing
 import weakref
 
@@ -66,6 +67,7 @@ class _Opened:
     live: LiveStage | None = None
     owned: bool = True  # the context has opened it, so it is in the stage cache while it is open
     notice: Tf.Notice.Listener | None = None
+    thread: int = dataclasses.field(default_factory=threading.get_ident)
 
 
 _contexts: weakref.WeakSet[UsdContext] = weakref.WeakSet()  # all existing contexts
@@ -375,6 +377,7 @@ class UsdContext:
               session_layer_url: str | None = None) -> Steps[Result]:
         """Opens a stage. The present one is closed after the new one's layers have been read, and stays open if
         that fails."""
+        self._check_thread()
         url = local_path(url)
         session_layer_url = local_path(session_layer_url) if session_layer_url else None
         self._loading = loading = Loading(url, load_set)
@@ -422,6 +425,7 @@ class UsdContext:
     def _reopen(self, load_set: UsdContextInitialLoadSet) -> Steps[Result]:
         if self._opened and self._opened.is_new or not self._last_url:
             raise Failure("there is no file to open again; the stage was never saved")
+        self._check_thread()
         url = self._last_url
         if self._opened:
             self._check_not_shared(self._opened.stage.GetUsedLayers())
@@ -457,6 +461,7 @@ class UsdContext:
         opened = self._opened
         if opened is None:
             raise Failure("no stage is open")
+        self._check_thread()
         self._set_state(StageState.CLOSING, StageEventType.CLOSING)
         text, unsaved = "", []
         try:
@@ -561,6 +566,12 @@ class UsdContext:
                 if other is not self and (stage := other.get_stage()) and layer in stage.GetUsedLayers():
                     raise Failure(f"{layer.identifier} has unsaved edits and is also open in the context "
                                   f"'{other.get_name()}'. Save it, or close it there, first")
+
+    def _check_thread(self) -> None:
+        """Refuses to leave a live stage on another thread than the one that uses its connection."""
+        if self._opened and self._opened.live and self._opened.thread != threading.get_ident():
+            raise Failure(f"{self._opened.url} is live and used by the thread that opened it: close it there first, "
+                          "for example with loop.call_soon_threadsafe()")
 
     def _need_stage(self) -> Usd.Stage:
         if self._opened is None:
