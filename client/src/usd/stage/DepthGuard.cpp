@@ -1,6 +1,7 @@
 // Finds arcs and texts that are too deep for OpenUSD.
 #include "usd/stage/DepthGuard.h"
 
+#include <pxr/base/tf/pyLock.h>
 #include <pxr/base/work/loops.h>
 #include <pxr/usd/ar/packageUtils.h>
 #include <pxr/usd/ar/resolvedPath.h>
@@ -273,6 +274,9 @@ void DepthGuard::follow(std::vector<Wanted> wave, Opened& opened) {
             one.identifier = identifier;
             found.push_back(std::move(one));
         }
+        // Takes Python's lock from this thread: another one may need it for a layer that Python
+        // holds.
+        TF_PY_ALLOW_THREADS_IN_SCOPE();
         // A context is bound to a thread.
         const auto context = pxr::ArGetResolver().GetCurrentContext();
         pxr::WorkParallelForN(found.size(), [&](std::size_t begin, std::size_t end) {
