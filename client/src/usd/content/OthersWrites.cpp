@@ -101,10 +101,18 @@ void OthersWrites::noteOwn(const Edit& edit, Revision base) {
     const auto spec = specs_.find(edit.address.path);
     // Creating a spec that exists changes nothing (M2).
     if (!key || key->empty() || spec == specs_.end()) return;
-    const std::string part = *key + '\0';
-    count_ -= std::erase_if(spec->second, [&](const auto& noted) {
-        return noted.second > base && (noted.first == *key || noted.first.starts_with(part));
-    });
+    // The parts of a field follow it.
+    Registers& registers = spec->second;
+    for (auto noted = registers.lower_bound(*key);
+         noted != registers.end() &&
+         (noted->first == *key || noted->first.starts_with(*key + '\0'));) {
+        if (noted->second <= base) {
+            ++noted;
+            continue;
+        }
+        noted = registers.erase(noted);
+        --count_;
+    }
 }
 
 bool OthersWrites::wrote(const pxr::SdfPath& path, const std::string& key,
