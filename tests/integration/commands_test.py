@@ -1,6 +1,7 @@
 """Tests commands, their undo and Kit's layer commands, on files and live."""
 
 import logging
+import inspect
 import os
 import random
 import shutil
@@ -1064,15 +1065,11 @@ def number(layer, path, value):
         attribute.default = value
 
 
-NUMBER = """
+NUMBER = inspect.getsource(number) + """
+number_of = number
+
 def number(path, value, layer=stage.GetRootLayer()):
-    prim, name = Sdf.CreatePrimInLayer(layer, Sdf.Path(path).GetPrimPath()), Sdf.Path(path).name
-    if value is None:
-        if name in prim.attributes:
-            del prim.properties[name]
-    else:
-        attribute = prim.attributes.get(name) or Sdf.AttributeSpec(prim, name, Sdf.ValueTypeNames.Double)
-        attribute.default = value
+    number_of(layer, path, value)
 """
 
 

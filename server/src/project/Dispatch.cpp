@@ -78,22 +78,6 @@ void Project::Impl::receiveCompact(Session& session, ByteView bytes) {
                *content);
 }
 
-namespace {
-
-/// Returns the number of a request.
-std::optional<std::uint64_t> requestNumber(const ControlMessage& message) {
-    return std::visit(
-        []<class Message>(const Message& content) -> std::optional<std::uint64_t> {
-            if constexpr (IsRequest<Message>)
-                return content.request;
-            else
-                return std::nullopt;
-        },
-        message);
-}
-
-}  // namespace
-
 void Project::Impl::receiveControl(Session& session, const std::string& json) {
     if (auto fits = checkClientControl(json); !fits) return sessions_.close(session, fits.error());
     const auto message = decodeControl(json);
@@ -105,7 +89,7 @@ void Project::Impl::receiveControl(Session& session, const std::string& json) {
     if (!session.isGreeted())
         return sessions_.close(session, {ErrorCode::NotGreeted, "the first frame was not a hello"});
     constexpr std::size_t kRequestBytes = 256;  // in addition to its content
-    const auto request = requestNumber(*message);
+    const auto request = requestOf(*message);
     if (request && !sessions_.takeForRequest(session, *request, json.size() + kRequestBytes))
         return;
     receive(session, *message);

@@ -23,20 +23,6 @@ void showTexts(const PublicText& texts, T& value) {
         for (auto& element : value) showTexts(texts, element);
 }
 
-/// Returns the request that the message answers.
-std::optional<std::uint64_t> requestOf(const ControlMessage& message) {
-    return std::visit(
-        []<class Content>(const Content& content) -> std::optional<std::uint64_t> {
-            if constexpr (std::is_same_v<Content, RequestProgress>)
-                return std::nullopt;
-            else if constexpr (requires { std::optional<std::uint64_t>{content.request}; })
-                return content.request;
-            else
-                return std::nullopt;
-        },
-        message);
-}
-
 /// A client would end the session over a message that is larger.
 ErrorMessage tooLarge(const ControlMessage& message) {
     ErrorMessage error{std::string(errorName(ErrorCode::Internal)),
@@ -50,6 +36,19 @@ ErrorMessage tooLarge(const ControlMessage& message) {
 }
 
 }  // namespace
+
+std::optional<std::uint64_t> requestOf(const ControlMessage& message) {
+    return std::visit(
+        []<class Content>(const Content& content) -> std::optional<std::uint64_t> {
+            if constexpr (std::is_same_v<Content, RequestProgress>)
+                return std::nullopt;
+            else if constexpr (requires { std::optional<std::uint64_t>{content.request}; })
+                return content.request;
+            else
+                return std::nullopt;
+        },
+        message);
+}
 
 std::size_t bytesOf(const std::set<LayerId>& layers) {
     constexpr std::size_t kNodeBytes = 80;

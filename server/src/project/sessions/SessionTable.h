@@ -12,6 +12,8 @@
 
 namespace usdlive::server {
 
+/// Returns the number of the request that the message is, or that it answers.
+[[nodiscard]] std::optional<std::uint64_t> requestOf(const ControlMessage& message);
 /// Returns the memory of a set of names, about.
 [[nodiscard]] std::size_t bytesOf(const std::set<LayerId>& layers);
 

@@ -45,7 +45,6 @@ public:
         take(holder, amount);
     }
 
-    [[nodiscard]] const Limits& limits() const { return limits_; }
     [[nodiscard]] std::size_t used() const { return used_; }
     [[nodiscard]] std::size_t of(const Holder& holder) const {
         const auto found = held_.find(holder);

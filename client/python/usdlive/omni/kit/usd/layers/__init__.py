@@ -28,7 +28,8 @@ from ._utils import LayerUtils
 
 __all__ = [
     "AutoAuthoring", "LayerEditMode", "LayerErrorType", "LayerEventPayload", "LayerEventType", "LayerUtils",
-    "Layers", "LayersState", "LiveSession", "LiveSyncing", "RefusedEdit", "SpecsLinking", "SpecsLocking", "active_authoring_layer_context",
+    "Layers", "LayersState", "LiveSession", "LiveSyncing", "RefusedEdit", "SpecsLinking", "SpecsLocking",
+    "active_authoring_layer_context",
     "get_all_locked_specs", "get_all_spec_links", "get_auto_authoring", "get_event_stream",
     "get_last_error_string", "get_last_error_type", "get_layer_event_payload", "get_layers",
     "get_layers_state", "get_live_session_name_from_shared_link", "get_live_syncing", "get_short_user_name",

@@ -190,7 +190,20 @@ class LayersState(_Part):
         return native.auto_reload_layers() if native else []
 
 
-class AutoAuthoring(_Part):
+class _Distributing(_Part):
+    """A part whose edit mode distributes the edits of the delegate."""
+
+    def suspend(self) -> None:
+        """Keeps edits in the delegate until resume()."""
+        if native := self._native:
+            native.suspend()
+
+    def resume(self) -> None:
+        if native := self._native:
+            native.resume()
+
+
+class AutoAuthoring(_Distributing):
     """Collects edits in a delegate layer and moves them in each frame to the layers with the strongest
     opinions."""
 
@@ -211,15 +224,6 @@ class AutoAuthoring(_Part):
         native = self._native
         return bool(native) and native.is_auto_authoring_layer(layer_identifier)
 
-    def suspend(self) -> None:
-        """Keeps edits in the delegate until resume()."""
-        if native := self._native:
-            native.suspend()
-
-    def resume(self) -> None:
-        if native := self._native:
-            native.resume()
-
     @property
     def refused_edits(self) -> list[RefusedEdit]:
         """Not in Kit: returns the edits that were taken back, with the reasons, oldest first."""
@@ -228,7 +232,7 @@ class AutoAuthoring(_Part):
                 for path, field, layer, error, reason in (native.refused_edits() if native else [])]
 
 
-class SpecsLinking(_Part):
+class SpecsLinking(_Distributing):
     """The layers that receive the edits of specs in the mode SPECS_LINKING."""
 
     def is_enabled(self) -> bool:
@@ -255,15 +259,6 @@ class SpecsLinking(_Part):
     def unlink_all_specs(self) -> None:
         if native := self._native:
             native.unlink_all_specs()
-
-    def suspend(self) -> None:
-        """Keeps edits in the delegate until resume()."""
-        if native := self._native:
-            native.suspend()
-
-    def resume(self) -> None:
-        if native := self._native:
-            native.resume()
 
     def get_spec_layer_links(self, spec_path: str, hierarchy: bool = False) -> dict[str, list[str]]:
         native = self._native
