@@ -241,6 +241,22 @@ TEST(FileBlobStore, BoundsUnfinishedUploads) {
     EXPECT_EQ((*store)->write(sha256(last), 10, 5, ByteView(last).subspan(5)), true);
 }
 
+// The store keeps four incomplete values.
+TEST(FileBlobStore, SE22TheWriterWithTheMostIncompleteValuesGivesWay) {
+    test::TestFolder folder;
+    const auto store = createFileBlobStore(folder.path, options());
+    const Bytes mine = someBytes(10, 50);
+    EXPECT_EQ((*store)->write(sha256(mine), 10, 0, ByteView(mine).first(5), 1), false);
+    for (unsigned seed = 0; seed < 10; ++seed) {
+        const Bytes value = someBytes(10, seed);
+        EXPECT_EQ((*store)->write(sha256(value), 10, 0, ByteView(value).first(5), 2), false);
+    }
+    EXPECT_EQ((*store)->write(sha256(mine), 10, 5, ByteView(mine).subspan(5), 1), true);
+    const Bytes last = someBytes(10, 9), first = someBytes(10, 0);
+    EXPECT_EQ((*store)->write(sha256(last), 10, 5, ByteView(last).subspan(5), 2), true);
+    EXPECT_FALSE((*store)->write(sha256(first), 10, 5, ByteView(first).subspan(5), 2));
+}
+
 std::ptrdiff_t unfinishedFiles(const test::TestFolder& folder) {
     const auto files = std::filesystem::directory_iterator(folder.path / "unfinished");
     return std::distance(begin(files), end(files));

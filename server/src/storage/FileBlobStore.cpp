@@ -15,6 +15,7 @@
 #include "BlobRules.h"
 #include "Files.h"
 #include "FreeSpace.h"
+#include "usdlive/common/core/Budget.h"
 #include "usdlive/common/core/Sha256.h"
 #include "usdlive/server/storage/BlobStore.h"
 
@@ -120,8 +121,10 @@ private:
     [[nodiscard]] Result<void> checkSpace(std::uint64_t bytes) const;
     [[nodiscard]] bool hasPlenty() const;
     [[nodiscard]] Result<void> makeSpace(std::uint64_t bytes);
-    Entries takeIf(const std::function<bool(const Entries::value_type&)>& condition);
-    Entries::iterator oldest(bool left);
+    using Condition = std::function<bool(const Entries::value_type&)>;
+    Entries takeIf(const Condition& condition);
+    Entries::iterator oldest(const Condition& condition);
+    void bound(const Upload& added);
     Entries::iterator leftOf(const Hash& hash);
     void boundLeft();
     [[nodiscard]] Result<Descriptor> openValue(const Hash& hash) const;
@@ -228,9 +231,7 @@ Result<Unfinished> FileBlobStore::take(const Upload& upload, std::uint64_t offse
 void FileBlobStore::putBack(const Upload& upload, Unfinished value) {
     const std::lock_guard lock(mutex_);
     unfinished_.emplace(upload, Entry{std::move(value), ++turn_});
-    if (unfinished_.size() <= options_.maxUnfinished) return;
-    const auto left = oldest(true);
-    unfinished_.erase(left != unfinished_.end() ? left : oldest(false));
+    bound(upload);
 }
 
 Result<void> FileBlobStore::keep(const Hash& hash, Unfinished& value) {
@@ -263,23 +264,35 @@ void FileBlobStore::forget(std::uint64_t writer) {
     });
 }
 
-/// The caller holds the mutex, also of the next two.
+/// SE22: drops a value if there are too many: one that was left, otherwise one of the writer that
+/// has the most. The caller holds the mutex, also of the next three.
+void FileBlobStore::bound(const Upload& added) {
+    Budget<std::uint64_t> values({.all = options_.maxUnfinished});  // by writer
+    for (const auto& entry : unfinished_) values.take(entry.first.second, 1);
+    const auto most = values.givesWay(added.second);
+    if (!most) return;
+    const auto left = oldest(isLeft);
+    unfinished_.erase(left != unfinished_.end() ? left : oldest([&](const auto& entry) {
+        return entry.first.second == *most;
+    }));
+}
+
 void FileBlobStore::boundLeft() {
     std::uint64_t bytes = 0;
     for (const auto& entry : unfinished_)
         if (isLeft(entry)) bytes += entry.second.value.written();
     while (bytes > options_.maxLeftBytes) {
-        const auto first = oldest(true);
+        const auto first = oldest(isLeft);
         bytes -= first->second.value.written();
         unfinished_.erase(first);
     }
 }
 
-/// Returns the value whose last part is the oldest, of writers that have left or not.
-FileBlobStore::Entries::iterator FileBlobStore::oldest(bool left) {
+/// Returns the value whose last part is the oldest, of those that satisfy the condition.
+FileBlobStore::Entries::iterator FileBlobStore::oldest(const Condition& condition) {
     auto oldest = unfinished_.end();
     for (auto entry = unfinished_.begin(); entry != unfinished_.end(); ++entry)
-        if (isLeft(*entry) == left &&
+        if (condition(*entry) &&
             (oldest == unfinished_.end() || entry->second.turn < oldest->second.turn))
             oldest = entry;
     return oldest;
@@ -297,8 +310,7 @@ FileBlobStore::Entries::iterator FileBlobStore::leftOf(const Hash& hash) {
 }
 
 /// Files are removed when the result is destroyed, without the lock.
-FileBlobStore::Entries FileBlobStore::takeIf(
-    const std::function<bool(const Entries::value_type&)>& condition) {
+FileBlobStore::Entries FileBlobStore::takeIf(const Condition& condition) {
     Entries taken;
     const std::lock_guard lock(mutex_);
     for (auto one = unfinished_.begin(); one != unfinished_.end();) {
