@@ -6,6 +6,7 @@
 #include <pxr/usd/sdf/layer.h>
 #include <pxr/usd/sdf/schema.h>
 
+#include <algorithm>
 #include <string_view>
 #include <utility>
 #include <variant>
@@ -34,6 +35,7 @@ LiveLayer::LiveLayer(LayerId id, pxr::SdfLayerRefPtr layer, Surroundings surroun
         pxr::TfNotice::Register(self, &LiveLayer::onReplaced, pxr::SdfLayerHandle(layer_));
     mutenessKey_ = pxr::TfNotice::Register(self, &LiveLayer::onMuteness);
     savedKey_ = pxr::TfNotice::Register(self, &LiveLayer::onSaved, pxr::SdfLayerHandle(layer_));
+    changedKey_ = pxr::TfNotice::Register(self, &LiveLayer::onChanged, pxr::SdfLayerHandle(layer_));
 }
 
 LiveLayer::~LiveLayer() {
@@ -46,6 +48,7 @@ LiveLayer::~LiveLayer() {
     pxr::TfNotice::Revoke(replacedKey_);
     pxr::TfNotice::Revoke(mutenessKey_);
     pxr::TfNotice::Revoke(savedKey_);
+    pxr::TfNotice::Revoke(changedKey_);
     store_.reset();
     setPermission(false, false);
 }
@@ -65,7 +68,7 @@ void LiveLayer::setLockedByOther(bool locked) { setPermission(closed_, locked); 
 
 bool LiveLayer::isIdle() const {
     return !fill_ && !capture_.hasWrites() && !expectsReplacement_ && !startOver_ &&
-           !writtenBeforeMuted_ && !usesChanged_ && !saved_ && !hasApart();
+           !writtenBeforeMuted_ && !reloadedWritten_ && !usesChanged_ && !saved_ && !hasApart();
 }
 
 void LiveLayer::noteUses() {
@@ -220,11 +223,20 @@ bool LiveLayer::hasWrites() const { return isFilled() && capture_.hasWrites(); }
 Capture::Sealed LiveLayer::seal() {
     if (!isFilled()) return {};
     expectsReplacement_ = false;
+    written_ = false;
     if (writtenBeforeMuted_ && layer_->IsMuted()) return sealMuted();
     if (startOver_) startOver();
-    if (!hasWrites()) return {};
-    auto sealed = capture_.seal(*store_, surroundings_.sink);
+    Capture::Sealed sealed;
+    if (hasWrites()) sealed = capture_.seal(*store_, surroundings_.sink);
     for (const auto& edit : sealed.edits) noteNames(edit.path, edit.action);
+    if (std::exchange(reloadedWritten_, false))
+        sealed.lost.push_back(
+            {"/",
+             {},
+             {ErrorCode::InvalidArgument,
+              id_.value + " was reloaded, which discards what was written since the last "
+                          "tick(); call it before you reload"},
+             {}});
     return sealed;
 }
 
@@ -263,13 +275,36 @@ void LiveLayer::blobArrived(const Hash& hash) {
 
 void LiveLayer::onReplaced(const pxr::SdfNotice::LayerDidReplaceContent& notice) {
     if (std::exchange(expectsReplacement_, false) || !isFilled()) return;
-    if (dynamic_cast<const pxr::SdfNotice::LayerDidReloadContent*>(&notice)) {
+    if (dynamic_cast<const pxr::SdfNotice::LayerDidReloadContent*>(&notice))
+        reloaded();
+    else
+        capture_.contentReplaced();
+    surroundings_.wake();
+}
+
+// Sdf has read the layer's file, which has no content or that of the last save. It notifies stages
+// afterwards that everything may have changed; they find the content of the project.
+void LiveLayer::reloaded() {
+    reloadedWritten_ |= std::exchange(written_, false);
+    const LayerDoc* view = surroundings_.view();
+    if (fill_ || !view || layer_->IsMuted()) {
         startOver_ = true;
         setPermission(true, lockedByOther_);  // edits would be lost until it is filled again
-    } else {
-        capture_.contentReplaced();
+        return;
     }
-    surroundings_.wake();
+    capture_.discard();
+    apart_ = {};
+    usd::LayerFill fill(layer_, surroundings_.source);
+    fill.add(*view);
+    if (const auto filled = fill.into(*store_, usd::LayerFill::Notices::None); !filled)
+        surroundings_.report(filled.error());
+}
+
+void LiveLayer::onChanged(const pxr::SdfNotice::LayersDidChangeSentPerLayer& notice) {
+    const auto isReload = [](const auto& entry) { return entry.second.flags.didReloadContent; };
+    const auto list = notice.find(layer_);
+    if (list != notice.end() && std::ranges::none_of(list->second.GetEntryList(), isReload))
+        written_ = hasWrites();
 }
 
 void LiveLayer::onSaved(const pxr::SdfNotice::LayerDidSaveLayerToFile&) {

@@ -130,6 +130,7 @@ private:
 
     void setPermission(bool closed, bool lockedByOther);
     void startOver();
+    void reloaded();
     void noteUses();
     void noteNames(std::string_view path, const EditAction& action);
     void noteNamed(std::string_view path, const pxr::TfToken& field);
@@ -140,6 +141,7 @@ private:
     void onReplaced(const pxr::SdfNotice::LayerDidReplaceContent& notice);
     void onMuteness(const pxr::SdfNotice::LayerMutenessChanged& notice);
     void onSaved(const pxr::SdfNotice::LayerDidSaveLayerToFile& notice);
+    void onChanged(const pxr::SdfNotice::LayersDidChangeSentPerLayer& notice);
 
     const LayerId id_;
     const pxr::SdfLayerRefPtr layer_;
@@ -159,6 +161,8 @@ private:
     // block.
     bool expectsReplacement_ = false;
     bool startOver_ = false;           // the layer was reloaded or muted: the change is not an edit
+    bool written_ = false;             // notices have arrived for writes since the last seal()
+    bool reloadedWritten_ = false;     // it was reloaded then; not reported yet
     bool writtenBeforeMuted_ = false;  // written before the mute, and not sealed yet
     std::vector<std::pair<std::string, std::string>> takenOut_;  // paths and fields
     bool usesChanged_ = false;
@@ -169,6 +173,7 @@ private:
     pxr::TfNotice::Key replacedKey_;
     pxr::TfNotice::Key mutenessKey_;
     pxr::TfNotice::Key savedKey_;
+    pxr::TfNotice::Key changedKey_;
 };
 
 }  // namespace usdlive::client

@@ -253,6 +253,13 @@ struct LayerFill::State {
         return std::move(visitor.paths);
     }
 
+    void swap(SdfLayerStore::Delegate& delegate) {
+        complete();
+        auto before = data;
+        swapLayerData(delegate.layer(), before);
+        delegate.markDirty();
+    }
+
     // Replaces everything. Comparing would read the whole file first.
     void replace(SdfLayerStore::Delegate& delegate) {
         complete();
@@ -302,7 +309,7 @@ void LayerFill::add(const LayerDoc& doc) {
     });
 }
 
-Result<void> LayerFill::into(SdfLayerStore& store) {
+Result<void> LayerFill::into(SdfLayerStore& store, Notices notices) {
     while (!state_->above.empty()) state_->leave();
     auto& delegate = *store.delegate_;
     {
@@ -315,7 +322,9 @@ Result<void> LayerFill::into(SdfLayerStore& store) {
         const bool isFile =
             !std::exchange(delegate.filled, true) && delegate.layer()->StreamsData();
         const bool asWhole = state_->definesRootPrims() || state_->specs > kMergedSpecs;
-        if (prims.empty() && asWhole)
+        if (notices == Notices::None)
+            state_->swap(delegate);
+        else if (prims.empty() && asWhole)
             state_->writeQuietly(delegate);
         else if (!prims.empty() && isFile)
             state_->replace(delegate);

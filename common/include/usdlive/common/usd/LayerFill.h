@@ -48,7 +48,10 @@ public:
     /// Replaces the content of the layer. Call it once, on the thread that owns the layer. If the
     /// layer has prims, Sdf notifies only of differences. The store's observer is not notified. An
     /// error names the first field that this OpenUSD does not support; all other fields are set.
-    Result<void> into(SdfLayerStore& store);
+    /// With Notices::None Sdf notifies of nothing: only for a layer of which it is going to notify
+    /// that it was reloaded.
+    enum class Notices { OfDifferences, None };
+    Result<void> into(SdfLayerStore& store, Notices notices = Notices::OfDifferences);
 
 private:
     struct State;
