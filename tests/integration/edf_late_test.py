@@ -172,3 +172,16 @@ def test_the_end_of_an_editor_does_not_wait_for_a_provider(people, museum, code)
     bo.close()
     assert bo.process.returncode == 0
     assert time.monotonic() - begin < 2
+
+
+def test_a_service_that_was_down_is_asked_again(people, museum):
+    museum.stop()
+    ada, bo = people(shown("A", lod1Count=1), shown("B", lod1Count=1, asset="./file.edf"))
+    assert bo.run("result = counts('/A') + counts('/B')") == []
+    bo.run("for _ in range(20): frame()")
+    museum.start()
+    bo.run("until(lambda: counts('/A') == counts('/B') == [1, 1] and not stage.GetCompositionErrors())")
+    museum.requests.clear()
+    bo.run("for _ in range(500): frame()")
+    assert not museum.requests
+    assert longest(bo) < LONGEST

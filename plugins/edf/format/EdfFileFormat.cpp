@@ -150,10 +150,15 @@ bool EdfFileFormat::Read(SdfLayer* layer, const std::string& resolvedPath,
                                            isAnonymous ? std::string() : resolvedPath};
         const auto label =
             "@" + layer->GetIdentifier() + "@, provider '" + request.dataProviderId + "'";
-        result = LateReads::ofProcess().read(
-            SdfLayerHandle(layer), request.dataProviderId,
-            [this, parameters, label] { return readBy(parameters, label); });
+        const auto read = [this, parameters, label] { return readBy(parameters, label); };
+        auto& reads = LateReads::ofProcess();
+        const SdfLayerHandle handle(layer);
+        result = reads.read(handle, request.dataProviderId, read);
         if (result) reason = result->reason;
+        if (!reason.empty())
+            reads.failed(handle, request.dataProviderId, read);
+        else if (result)
+            reads.succeeded(handle);
     }
     const bool keeps = (!result || !reason.empty()) && sourcesOf(*layer).isRead;
     if (!reason.empty())

@@ -15,6 +15,8 @@ namespace {
 constexpr std::chrono::milliseconds kMoment{8};
 // Reads of one provider at the same time. Further ones wait for a thread.
 constexpr int kMaxThreads = 4;
+// After this time a layer that could not be read is tried again, then after twice the time each.
+constexpr std::chrono::seconds kFirstPause{2}, kLongestPause{60};
 
 }  // namespace
 
@@ -37,6 +39,7 @@ void LateReads::endTick() {
 
 void LateReads::reloadArrived() {
     const auto end = Clock::now() + kMoment;
+    tryAgain();
     do {
         const auto [arrived, layer] = nextArrived();
         if (!arrived) return;
@@ -49,8 +52,9 @@ void LateReads::reloadArrived() {
 
 std::pair<LateReads::PendingPtr, pxr::SdfLayerHandle> LateReads::nextArrived() {
     const std::lock_guard lock(mutex_);
-    std::erase_if(pending_, [](const auto& one) {
-        return one.second->result && !one.second->layer;  // nobody uses the layer any more
+    std::erase_if(pending_, [this](const auto& one) {
+        // Nobody uses the layer any more, or there is no news.
+        return one.second->result && (!one.second->layer || failedAgain(one.first, *one.second));
     });
     const auto self = std::this_thread::get_id();
     const auto found = std::ranges::find_if(
@@ -58,6 +62,39 @@ std::pair<LateReads::PendingPtr, pxr::SdfLayerHandle> LateReads::nextArrived() {
     if (found == pending_.end()) return {};
     found->second->isBeingReloaded = true;
     return {found->second, found->second->layer};
+}
+
+void LateReads::tryAgain() {
+    const std::lock_guard lock(mutex_);
+    std::erase_if(failed_, [](const auto& one) { return !one.second.layer; });
+    const auto now = Clock::now();
+    for (auto& [identifier, one] : failed_) {
+        if (now < one.due || pending_.contains(identifier)) continue;
+        one.due = Clock::time_point::max();
+        withinTick(one.layer, one.provider, one.read);
+    }
+}
+
+bool LateReads::failedAgain(const std::string& identifier, const Pending& pending) {
+    const auto found = failed_.find(identifier);
+    if (found == failed_.end() || pending.result->reason.empty()) return false;
+    Failed& one = found->second;
+    if (one.due != Clock::time_point::max()) return false;
+    one.pause = std::min<Clock::duration>(2 * one.pause, kLongestPause);
+    one.due = Clock::now() + one.pause;
+    return true;
+}
+
+void LateReads::failed(const pxr::SdfLayerHandle& layer, const std::string& provider, Read read) {
+    const std::lock_guard lock(mutex_);
+    failed_.insert_or_assign(
+        layer->GetIdentifier(),
+        Failed{layer, provider, std::move(read), kFirstPause, Clock::now() + kFirstPause});
+}
+
+void LateReads::succeeded(const pxr::SdfLayerHandle& layer) {
+    const std::lock_guard lock(mutex_);
+    failed_.erase(layer->GetIdentifier());
 }
 
 void LateReads::forget(const PendingPtr& pending) {

@@ -52,6 +52,12 @@ public:
     /// Within a tick, starts `read` as read() does, and returns true. Otherwise returns false.
     bool postpone(const pxr::SdfLayerHandle& layer, const std::string& provider, Read read);
 
+    /// Call it when the layer could not be read: ticks try again, from time to time, and load the
+    /// layer again when a read succeeds.
+    void failed(const pxr::SdfLayerHandle& layer, const std::string& provider, Read read);
+    /// Call it when the layer was read.
+    void succeeded(const pxr::SdfLayerHandle& layer);
+
 private:
     using Clock = std::chrono::steady_clock;
     struct Tick {
@@ -65,6 +71,13 @@ private:
         std::optional<ReadResult> result;
         bool isBeingReloaded = false;  // by reloadArrived()
     };
+    struct Failed {
+        pxr::SdfLayerHandle layer;
+        std::string provider;
+        Read read;
+        Clock::duration pause;
+        Clock::time_point due;  // for the next try; max(): one is under way
+    };
     using PendingPtr = std::shared_ptr<Pending>;
     struct Queue {
         std::deque<PendingPtr> waiting;
@@ -76,6 +89,9 @@ private:
     /// Returns the next read that has ended, for reloadArrived(). Null if there is none.
     std::pair<PendingPtr, pxr::SdfLayerHandle> nextArrived();
     void forget(const PendingPtr& pending);
+    void tryAgain();
+    /// Returns whether this was another failed read of a layer; it has nothing to load.
+    bool failedAgain(const std::string& identifier, const Pending& pending);
     void start(const std::string& provider, const PendingPtr& pending);
     void work(const std::string& provider);
     void end(const PendingPtr& pending, ReadResult result);
@@ -85,6 +101,7 @@ private:
     std::condition_variable ended_;
     std::map<std::thread::id, Tick> ticks_;
     std::map<std::string, PendingPtr> pending_;  // by the identifier of the layer
+    std::map<std::string, Failed> failed_;       // by the identifier of the layer
     std::map<std::string, Queue> queues_;        // by the id of the provider
 };
 
