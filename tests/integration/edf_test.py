@@ -21,6 +21,17 @@ def probed(name, behaviour, /, **arguments):
     return prim(name, parameters("test", behaviour=behaviour, **arguments))
 
 
+@pytest.mark.parametrize("arc, errors", [("references", 1), ("payload", 0)])
+def test_a_reference_passes_no_parameters_and_says_so(tmp_path, arc, errors):
+    scene(tmp_path, generated("A", size="2x1x1").replace("payload =", arc + " ="), "def \"B\" (payload = @./x.edf@)\n{\n}\n")
+    (tmp_path / "x.edf").touch()
+    ran = fresh(tmp_path, """
+        stage = Usd.Stage.Open("scene.usda")
+        result = [len(names(stage, "/A")), len(errors(stage))]""")
+    assert ran.result == [2 - 2 * errors, errors]
+    assert ran.warnings.count("no payload uses it; references and sublayers pass no parameters") == errors
+
+
 # --- arguments -----------------------------------------------------------------------------------------
 
 
@@ -148,7 +159,7 @@ def test_clearing_falls_back(tmp_path):
         prim.ClearMetadata("EdfDataParameters")
         counts.append(len(names(stage)))
         result = [counts, errors(stage), [list(one) for one in arguments(stage)]]""")
-    assert ran.result == [[3, 2, 100, 0], [], [[]]], "own, of the sublayer, the provider's default, without a provider"
+    assert ran.result == [[3, 2, 100, 0], [], [["dataProviderId"]]], "own, of the sublayer, the provider's default, without a provider"
 
 
 CHANGES = """

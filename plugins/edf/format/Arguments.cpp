@@ -132,8 +132,7 @@ Request requestOf(const pxr::VtDictionary& metadata) {
 
 void addTo(LayerArguments& arguments, const Request& request) {
     if (!request.invalid.empty()) arguments[std::string(kInvalid)] = encoded(request.invalid);
-    if (!request.dataProviderId.empty())
-        arguments[std::string(kId)] = encoded(request.dataProviderId);
+    arguments[std::string(kId)] = encoded(request.dataProviderId);
     for (const auto& [key, value] : request.providerArgs)
         arguments[std::string(kArgs) + ":" + encoded(key)] = encoded(value);
 }

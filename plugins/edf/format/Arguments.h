@@ -24,8 +24,9 @@ struct Request {
 
 [[nodiscard]] Request requestOf(const pxr::VtDictionary& metadata);
 
-/// Adds the request to a layer's arguments: `dataProviderId` and `providerArgs:<key>`. Characters
-/// that separate arguments in a layer's identifier are percent-encoded.
+/// Adds the request to a layer's arguments: `dataProviderId`, also if it is empty, and
+/// `providerArgs:<key>`. Characters that separate arguments in a layer's identifier are
+/// percent-encoded.
 void addTo(LayerArguments& arguments, const Request& request);
 /// The opposite of addTo(). Other arguments are ignored.
 [[nodiscard]] Request requestOf(const LayerArguments& arguments);

@@ -141,6 +141,8 @@ bool EdfFileFormat::Read(SdfLayer* layer, const std::string& resolvedPath,
                          bool metadataOnly) const {
     const auto request = usdlive::edf::requestOf(layer->GetFileFormatArguments());
     std::string reason = request.invalid;
+    if (!metadataOnly && layer->GetFileFormatArguments().empty())
+        reason = "no payload uses it; references and sublayers pass no parameters";
     std::optional<ReadResult> result = ReadResult{emptyData(), {}};
     // Without a provider nothing is wrong yet: somebody adds the payload first and the metadata
     // next.
