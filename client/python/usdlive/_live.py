@@ -251,7 +251,8 @@ class Live:
     def attach(self, stage: Usd.Stage, project_folder: str = "", follow_muteness: bool = True) -> list[str]:
         """Makes the layers of an open stage live. The stage was opened from the folder that the server serves,
         or from a copy. The default of `project_folder` is derived from the root layer's path. Returns the
-        layers that are live now. Fails if one of them has unsaved edits. Files of the folder that are no USD, such
+        layers that are live now. Those that the server cannot read now refuse edits and become live later
+        (`events.JoinFailed`). Fails if one of the layers has unsaved edits. Files of the folder that are no USD, such
         as .obj, are reloaded when they change on the disk."""
         folder = os.fspath(project_folder) or self._project_folder(stage.GetRootLayer())
         attached = self._client.attach(folder)

@@ -130,6 +130,7 @@ Result<std::vector<LayerId>> Client::Impl::attach(const fs::path& projectFolder)
     if (ids.empty()) return ids;
     const auto request = opens_.addJoined(ids, client::LoadSet::NoPayloads);
     if (auto opened = waitForOpen(request); !opened) return tl::unexpected(opened.error());
+    std::erase_if(ids, [&](const LayerId& id) { return !layers_.find(id); });
     return ids;
 }
 

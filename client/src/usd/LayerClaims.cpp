@@ -48,6 +48,11 @@ void LayerClaims::close(const pxr::SdfLayerHandle& layer) {
     entry.isClosed = true;
 }
 
+void LayerClaims::open(const pxr::SdfLayerHandle& layer) {
+    const std::lock_guard lock(mutex_);
+    if (std::exchange(entryOf(layer).isClosed, false)) layer->SetPermissionToEdit(true);
+}
+
 LayerClaims::Entry& LayerClaims::entryOf(const pxr::SdfLayerHandle& layer) {
     if (entries_.size() >= forgetAt_) forgetExpired();
     Entry& entry = entries_[layer.GetUniqueIdentifier()];

@@ -15,9 +15,9 @@ namespace usdlive::client {
 /// for one layer would each apply the edits of the other, and a layer has only one state delegate.
 ///
 /// Also keeps the content of a layer when it stops being live: a layer that is opened again has
-/// unsent edits only if it differs from that. Placeholders that are not live are closed to edits,
-/// which would go nowhere, and so are live layers in a process that fork() makes. May be used by
-/// any thread.
+/// unsent edits only if it differs from that. Placeholders that are not live and layers that the
+/// server could not give are closed to edits, which would go nowhere, and so are live layers in a
+/// process that fork() makes. May be used by any thread.
 class LayerClaims {
 public:
     static LayerClaims& ofProcess();
@@ -31,6 +31,8 @@ public:
     /// Makes a layer that is not live refuse edits (`permissionToEdit`), until it is claimed. Does
     /// so once: an editor that permits edits again wants a copy of its own.
     void close(const pxr::SdfLayerHandle& layer);
+    /// Undoes close().
+    void open(const pxr::SdfLayerHandle& layer);
     /// Returns the content of the layer when it was released last.
     [[nodiscard]] std::optional<LayerDoc> left(const pxr::SdfLayerHandle& layer) const;
 

@@ -149,6 +149,7 @@ bool OpenLayers::failed(const LayerId& id, const Error& reason) {
         failed_.insert(id);
         return true;
     }
+    LayerClaims::ofProcess().close(layer);  // also a file, which would then replace the server's
     const auto [entry, isNew] = awaited_.try_emplace(id, Awaited{layer, reason, 0, 0});
     Awaited& awaited = entry->second;
     awaited.pauseMs = std::clamp(2 * awaited.pauseMs, kFirstPauseMs, kLongestPauseMs);
@@ -233,11 +234,14 @@ void OpenLayers::leave(LayerId id) {
 
 void OpenLayers::leaveAll() {
     while (!live_.all().empty()) leave(live_.all().begin()->first);
+    for (const auto& [id, awaited] : std::exchange(awaited_, {})) abandon(awaited.layer);
 }
 
 void OpenLayers::close(const LayerId& id) {
-    if (awaited_.erase(id) == 0 && !find(id)) return;
+    const auto awaited = awaited_.extract(id);
+    if (!awaited && !find(id)) return;
     leave(id);
+    if (awaited) abandon(awaited.mapped().layer);
     with_.session.closeLayer(id);
     closed_.insert(id);
     clips_.closed(id);
@@ -296,6 +300,10 @@ void OpenLayers::adopt(const pxr::SdfLayerRefPtr& layer) {
 // Nobody would get the edits.
 void OpenLayers::refuseEdits(const pxr::SdfLayerHandle& layer) const {
     if (with_.places.isPlaceholder(layer)) LayerClaims::ofProcess().close(layer);
+}
+
+void OpenLayers::abandon(const pxr::SdfLayerRefPtr& layer) const {
+    if (!with_.places.isPlaceholder(layer)) LayerClaims::ofProcess().open(layer);
 }
 
 std::size_t OpenLayers::fill(double budgetMs) {

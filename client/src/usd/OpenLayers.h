@@ -118,6 +118,9 @@ private:
     bool adoptView(const pxr::SdfLayerRefPtr& layer);
     [[nodiscard]] bool mayJoin(const LayerId& id) const;
     void refuseEdits(const pxr::SdfLayerHandle& layer) const;
+    /// Call it when a layer that the server could not give is not joined again: a file of an
+    /// attached folder accepts edits again.
+    void abandon(const pxr::SdfLayerRefPtr& layer) const;
     void joinAwaited(std::int64_t nowMs);
 
     const Surroundings with_;

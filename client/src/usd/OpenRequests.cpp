@@ -23,7 +23,7 @@ std::uint64_t OpenRequests::add(const LayerId& layer, LoadSet load, Reports repo
 }
 
 std::uint64_t OpenRequests::addJoined(const std::vector<LayerId>& layers, LoadSet load) {
-    Request request{layers, load, Reports::Outcome};
+    Request request{{}, load, Reports::Outcome};
     for (const LayerId& layer : layers) see(request, layer);
     requests_.emplace(++last_, std::move(request));
     return last_;

@@ -24,7 +24,7 @@ public:
     enum class Reports { Event, Outcome };
     /// Adds a request, which start() starts. Returns its number.
     std::uint64_t add(const LayerId& layer, LoadSet load, Reports reports);
-    /// Adds a request for layers that are already joined.
+    /// Adds a request for layers that are already joined. It does not fail if one of them does.
     std::uint64_t addJoined(const std::vector<LayerId>& layers, LoadSet load);
 
     // Parts of a tick, outside of a change block.

@@ -66,6 +66,10 @@ std::string shownName(std::string_view name) {
     return shown;
 }
 
+// The attempts to import a file that another process writes meanwhile. Clients request it again
+// later.
+constexpr int kImportAttempts = 3;
+
 bool isHidden(const fs::path& path) { return path.filename().native().starts_with('.'); }
 
 // Calls `visit` for every file in the folder and below, without following links.
@@ -189,14 +193,16 @@ public:
         if (type == fs::file_type::not_found)
             return fail(ErrorCode::LayerNotFound, "the project has no file " + layer.value);
         if (type != fs::file_type::regular) return unreadable(layer, "it is not a regular file");
-        const auto before = stampOf(*path);
-        if (!before) return tl::unexpected(before.error());
-        auto doc = read(layer, *path);
-        if (!doc) return tl::unexpected(doc.error());
-        const auto after = lookAt(*path, layer);
-        if (!*before || !after || after->trace != (*before)->trace)
-            return unreadable(layer, "it is being written at this moment");
-        return ImportedLayer{*std::move(doc), **before};
+        for (int left = kImportAttempts; left > 0; --left) {
+            const auto before = stampOf(*path);
+            if (!before) return tl::unexpected(before.error());
+            auto doc = read(layer, *path);
+            const auto after = lookAt(*path, layer);
+            if (!*before || !after || after->trace != (*before)->trace) continue;
+            if (!doc) return tl::unexpected(doc.error());
+            return ImportedLayer{*std::move(doc), **before};
+        }
+        return unreadable(layer, "it is being written at this moment");
     }
 
     Result<std::optional<FileStamp>> stamp(const LayerId& layer) const override {

@@ -16,6 +16,7 @@
 
 #include <csignal>
 #include <fstream>
+#include <functional>
 #include <limits>
 #include <map>
 #include <random>
@@ -35,7 +36,10 @@ namespace {
 
 class FakeBlobs : public BlobStore, public usd::BlobSink, public usd::BlobSource {
 public:
-    bool has(const Hash& hash) const override { return all.contains(hash); }
+    bool has(const Hash& hash) const override {
+        if (onQuery) onQuery();
+        return all.contains(hash);
+    }
     Result<std::uint64_t> size(const Hash& hash) const override {
         return read(hash, 0, SIZE_MAX).map([](const Bytes& bytes) { return bytes.size(); });
     }
@@ -62,6 +66,7 @@ public:
 
     std::map<Hash, Bytes> all;
     bool isFull = false;
+    std::function<void()> onQuery;  // called while a layer with big values is read
 };
 
 constexpr const char* kText = "#usda 1.0\n\ndef \"A\"\n{\n    double x = 1\n}\n\n";
@@ -346,6 +351,26 @@ TEST_F(LayerFilesTest, ImportReportsWhyAFileCannotBeRead) {
     EXPECT_THAT(message, HasSubstr("timeCodesPerSecond"));
     EXPECT_EQ(importError("none.usda"), ErrorCode::LayerNotFound);
     EXPECT_EQ(testing::internal::GetCapturedStderr(), "");
+}
+
+TEST_F(LayerFilesTest, AFileThatChangesWhileItIsImportedIsReadAgain) {
+    const LayerId layer{"big.usdc"};
+    ASSERT_TRUE(files->save(layer, bigDoc()));
+    int changes = 0, most = 2;
+    blobs.onQuery = [&] {
+        if (changes == most) return;
+        const auto time = fs::file_time_type() + std::chrono::seconds(++changes);
+        fs::last_write_time(folder / "big.usdc", time);
+    };
+    const auto read = files->import(layer);
+    ASSERT_TRUE(read) << read.error().message;
+    EXPECT_EQ(changes, 2);
+    EXPECT_EQ(read->file, **files->stamp(layer)) << "the content is that of the stamp";
+
+    most = 1000;
+    EXPECT_EQ(importError("big.usdc"), ErrorCode::LayerUnreadable);
+    EXPECT_THAT(message, HasSubstr("being written"));
+    EXPECT_LT(changes, 10) << "but not for ever";
 }
 
 TEST_F(LayerFilesTest, V9BigValuesGoToTheBlobStoreAndComeBack) {

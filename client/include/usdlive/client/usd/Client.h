@@ -158,8 +158,9 @@ public:
     std::uint64_t requestUpload(const std::filesystem::path& file, const std::string& path,
                                 bool overwrite = false);
     /// Makes the layers of the project live that this process has loaded from `projectFolder`,
-    /// which is the served folder or a copy of it. Returns them sorted. Error: InvalidArgument (one
-    /// of them has unsaved edits).
+    /// which is the served folder or a copy of it. Returns them sorted, without those that the
+    /// server cannot read now: they refuse edits and are joined later (event::JoinFailed). Error:
+    /// InvalidArgument (one of them has unsaved edits).
     Result<std::vector<LayerId>> attach(const std::filesystem::path& projectFolder);
     /// Sends the layer's pending edits, then makes it stop being live. The layer keeps its content,
     /// and refuses edits, which nobody would get (`permissionToEdit`), unless it is a file of an

@@ -194,4 +194,4 @@ def make_live(connection: LiveStage, address: LiveAddress, stage: Usd.Stage) -> 
     (`set_muteness_scope`)."""
     live = connection.live
     if address.folder and address.layer not in live.attach(stage, address.folder, follow_muteness=False):
-        raise Failure(f"{address.layer} is not a layer of the project at {address.server}")
+        raise Failure(f"{address.layer} is not a layer of the project at {address.server}, or its server cannot read it now")

@@ -22,6 +22,8 @@ def unsaved(stage: Usd.Stage, live: LiveStage | None) -> list[Sdf.Layer]:
     for layer in stage.GetLayerStack():
         if live and live.name_of(layer):
             layers.append(layer)
+        elif live and not layer.permissionToEdit:
+            continue  # not joined yet: the server would not have it
         elif layer.dirty and not layer.anonymous and not _layer_content.is_locked(layer, root):
             layers.append(layer)
     return layers
@@ -83,6 +85,8 @@ def find_local(stage: Usd.Stage, live: LiveStage | None,
         is_live = live and live.name_of(layer)
         if not is_live and _layer_content.is_locked(layer, stage.GetRootLayer()):
             raise Failure(f"{identifier} is locked")
+        if live and not is_live and not layer.anonymous and not layer.permissionToEdit:
+            raise Failure(f"{identifier} is not joined and refuses edits: its server cannot read it yet")
         layers.append(layer)
     return layers
 
