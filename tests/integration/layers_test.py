@@ -955,6 +955,50 @@ def test_edits_of_the_project_are_not_reverted(two):
     assert bo.run("result = stage.GetAttributeAtPath('/A.y').Get()") == 5, "but one's own edits go back"
 
 
+DIRTINESS = '''
+received = []
+kept = mine.get_event_stream().create_subscription_to_pop_by_type(
+    layers.LayerEventType.DIRTY_STATE_CHANGED,
+    lambda event: received.append([layers.get_layer_event_payload(event).identifiers_or_spec_paths,
+                                   mine.get_layers_state().get_dirty_layer_identifiers()]))
+def until(condition):
+    assert live.wait(lambda: (frame(), condition())[1], 20), received
+def edit(value):
+    layer('sub.usda').GetAttributeAtPath('/A.x').default = value
+sub = layer('sub.usda').identifier
+'''
+
+
+def test_an_edit_and_a_save_soon_after_it_are_both_notified(two):
+    ada, bo = two
+    for one in two:
+        one.run(DIRTINESS)
+    ada.run("edit(2.0)\nassert mine.get_layers_state().get_dirty_layer_identifiers() == [sub]\nframe()")
+    assert ada.run("result = received") == [[[ada.run("result = sub")]] * 2]
+    ada.run("received.clear()\nassert live.save().saved\nuntil(lambda: received)\nframe()\n"
+            "assert received == [[[sub], []]], received")
+    # Edited and saved in one frame.
+    ada.run("received.clear()\nedit(3.0)\nassert live.save().saved\n"
+            "until(lambda: received and not mine.get_layers_state().get_dirty_layer_identifiers())\n"
+            "assert received[-1] == [[sub], []], received")
+    # By somebody else, between two looks of bo.
+    bo.run("until(lambda: not mine.get_layers_state().get_dirty_layer_identifiers())\nfor _ in range(50): frame()\n"
+           "received.clear()")
+    ada.run("received.clear()\nedit(4.0)\nassert live.save().saved")
+    bo.run("until(lambda: received)\nuntil(lambda: not mine.get_layers_state().get_dirty_layer_identifiers())")
+
+
+def test_an_edit_that_the_server_refuses_leaves_the_layer_clean(two):
+    ada, bo = two
+    for one in two:
+        one.run(DIRTINESS)
+    ada.run("live.lock('sub.usda')")
+    ada.flush()  # not yet received by bo
+    ada.run("assert live.save().saved")
+    bo.run("edit(5.0)\nuntil(lambda: len(received) > 1 and not mine.get_layers_state().get_dirty_layer_identifiers())\n"
+           "assert received[0] == [[sub], [sub]] and received[-1] == [[sub], []], received")
+
+
 def test_the_slower_of_two_locks_is_refused_with_an_event(two):
     ada, bo = two
     ada.run("mine.get_specs_locking().lock_spec('/A.x')\nframe()")

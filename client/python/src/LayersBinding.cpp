@@ -122,9 +122,10 @@ public:
         auto* client = get();
         return client ? ClientLayers(*client).state(layer) : std::nullopt;
     }
-    bool setLocked(const pxr::SdfLayerHandle& layer, bool locked) override {
+    bool setLocked(const pxr::SdfLayerHandle& layer, bool locked,
+                   const std::function<void()>& alongside) override {
         auto* client = get();
-        return client && ClientLayers(*client).setLocked(layer, locked);
+        return client && ClientLayers(*client).setLocked(layer, locked, alongside);
     }
     [[nodiscard]] bool isApplying() const override {
         auto* client = get();

@@ -163,9 +163,10 @@ void Client::setEventHandler(EventHandler handler) {
 
 // --- locks, mutes and people
 
-Result<void> Client::setLocked(const LayerId& layer, bool locked) {
+Result<void> Client::setLocked(const LayerId& layer, bool locked,
+                               const std::function<void()>& alongside) {
     if (auto error = misuse("setLocked", true)) return tl::unexpected(*error);
-    return impl_->locks().setLocked(layer, locked);
+    return impl_->locks().setLocked(layer, locked, alongside);
 }
 
 Result<void> Client::setGloballyMuted(const LayerId& root, const LayerId& layer, bool muted) {
@@ -279,6 +280,10 @@ bool Client::isConnected() const { return here("isConnected").session().isConnec
 Revision Client::revision() const { return here("revision").session().revision(); }
 ClientId Client::id() const { return here("id").session().id(); }
 const std::string& Client::user() const { return here("user").options().user; }
+bool Client::isAdministrator() const {
+    const auto& welcome = here("isAdministrator").session().welcome();
+    return welcome && welcome->administrator.value_or(false);
+}
 fs::path Client::cacheFolder() const { return here("cacheFolder").cache().folder(); }
 
 }  // namespace usdlive

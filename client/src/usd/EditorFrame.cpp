@@ -12,7 +12,9 @@
 
 namespace usdlive::client {
 
-void EditorFrame::seal(LiveSet& layers, Session& session) {
+void EditorFrame::seal(LiveSet& layers, Session& session) { submit(take(layers), session); }
+
+std::vector<AuthoredEdit> EditorFrame::take(LiveSet& layers) {
     holdsBack_ = false;
     std::vector<AuthoredEdit> edits;
     for (LiveLayer* live : layers.active()) {
@@ -26,6 +28,10 @@ void EditorFrame::seal(LiveSet& layers, Session& session) {
         }
     }
     encodings_.clear();
+    return edits;
+}
+
+void EditorFrame::submit(std::vector<AuthoredEdit> edits, Session& session) {
     if (edits.empty()) return;
     auto outside = outsidePaths(edits, folders_);
     std::move(outside.begin(), outside.end(), std::back_inserter(outside_));
@@ -45,15 +51,17 @@ bool EditorFrame::hasWrites(LiveSet& layers) {
 }
 
 void EditorFrame::author(LiveSet& layers, Session& session, LiveLayer& live,
-                         const std::function<std::vector<EditAction>()>& makeEdits) {
+                         const std::function<std::vector<EditAction>()>& makeEdits,
+                         const std::function<void()>& alongside) {
     const pxr::SdfChangeBlock block;
     seal(layers, session);
-    std::vector<AuthoredEdit> edits;
+    if (alongside) alongside();
+    std::vector<AuthoredEdit> edits = take(layers);
     for (EditAction& action : makeEdits()) {
         live.apply("/", action);
         edits.push_back({live.id(), "/", std::move(action)});
     }
-    session.author(std::move(edits));
+    submit(std::move(edits), session);
 }
 
 void saveAgain(LiveSet& layers, const LayerPlaces& cache, Session& session) {

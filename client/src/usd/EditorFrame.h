@@ -47,11 +47,16 @@ public:
     }
 
     /// Submits edits of a layer's root after all earlier writes. `makeEdits` is called when the
-    /// earlier writes are submitted.
+    /// earlier writes are submitted. The writes of `alongside` become part of the transaction.
     void author(LiveSet& layers, Session& session, LiveLayer& live,
-                const std::function<std::vector<EditAction>()>& makeEdits);
+                const std::function<std::vector<EditAction>()>& makeEdits,
+                const std::function<void()>& alongside = {});
 
 private:
+    /// Ends the frame and returns its edits.
+    std::vector<AuthoredEdit> take(LiveSet& layers);
+    void submit(std::vector<AuthoredEdit> edits, Session& session);
+
     ArrayEncodings encodings_;
     LostWorkReports& lost_;
     std::vector<std::filesystem::path> folders_;

@@ -29,7 +29,8 @@ Result<LiveLayer*> LocksAndMutes::filled(const LayerId& id) const {
     return live;
 }
 
-Result<void> LocksAndMutes::setLocked(const LayerId& id, bool locked) {
+Result<void> LocksAndMutes::setLocked(const LayerId& id, bool locked,
+                                      const std::function<void()>& alongside) {
     const auto live = filled(id);
     if (!live) return tl::unexpected(live.error());
     if (holdsKitLocks((*live)->layer()))
@@ -39,7 +40,8 @@ Result<void> LocksAndMutes::setLocked(const LayerId& id, bool locked) {
                         "cannot be locked itself");
     LayerLock lock;
     if (locked) lock = {true, {user_.value}, wallClockMs()};
-    frame_.author(layers_, session_, **live, [&] { return lockEdits(*session_.view(id), lock); });
+    frame_.author(
+        layers_, session_, **live, [&] { return lockEdits(*session_.view(id), lock); }, alongside);
     return {};
 }
 

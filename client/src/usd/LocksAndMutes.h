@@ -15,7 +15,7 @@ public:
     LocksAndMutes(LiveSet& layers, EditorFrame& frame, Session& session, UserName user)
         : layers_(layers), frame_(frame), session_(session), user_(std::move(user)) {}
 
-    Result<void> setLocked(const LayerId& id, bool locked);
+    Result<void> setLocked(const LayerId& id, bool locked, const std::function<void()>& alongside);
     Result<void> setGloballyMuted(const LayerId& root, const LayerId& layer, bool muted);
     [[nodiscard]] std::set<LayerId> globallyMuted(const LayerId& root) const;
 

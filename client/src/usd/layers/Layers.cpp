@@ -205,6 +205,7 @@ private:
             const bool local = !isDelegate && state.hasLocalLayer(layer->GetIdentifier());
             if ((isDelegate || local) && !distributing_) authoring.layerChanged(layer, changes);
             if (!local && (isDelegate || !state.knows(layer->GetIdentifier()))) continue;
+            state.edited(layer);
             if (changesComposition(changes)) state.compositionChanged();
             locking.layerChanged(layer, changes);
             notify(layer, changes);

@@ -112,6 +112,9 @@ void LayersState::learnStructure() {
         known.outdated = old->second.outdated;
         known.readOnly = old->second.readOnly;
         known.dirty = old->second.dirty;
+        known.saved = old->second.saved;
+        known.editedAt = old->second.editedAt;
+        known.acknowledged = old->second.acknowledged;
         known.owner = std::move(old->second.owner);
     }
     nextLookMs_ = 0;
@@ -127,12 +130,17 @@ void LayersState::learnUsed() {
     learnStructure();
 }
 
+std::optional<LiveState> LayersState::liveState(const Known& known) const {
+    return context_.live ? context_.live->state(known.layer) : std::nullopt;
+}
+
 // Reads the state for queries before the first watch().
 void LayersState::readFileState(Known& known) {
     if (!known.layer || known.layer->IsAnonymous()) return;
-    if (const auto live = context_.live ? context_.live->state(known.layer) : std::nullopt) {
+    if (const auto live = liveState(known)) {
         known.readOnly = !live->writable;
         known.dirty = live->dirty;
+        known.saved = live->saved;
         return;
     }
     const auto seen = FileWatch::glance(known.layer->GetRealPath());
@@ -270,24 +278,45 @@ LayerResult<void> LayersState::setLayerLockState(const std::string& id, bool loc
     if (!known->local || known->session)
         return fail(LayerErrorType::InvalidParam,
                     id + " is not a sublayer of the stage, so it cannot be locked");
+    if (const auto live = liveState(*known); live && live->lockedByOther)
+        return fail(LayerErrorType::ReadOnly,
+                    id + " is locked by " + live->lockHolder.value +
+                        ". Only they or an administrator of the server can unlock it");
     if (isLayerLocked(id) == locked) return {};
     const pxr::SdfLayerHandle layer = known->layer;
-    // A layer that is the root of another stage has that stage's map in the place of its own lock.
-    // Then only our root layer stores the lock.
-    const bool hasPlace = layer && !omniValue(layer, kLocked).IsHolding<pxr::VtDictionary>();
-    bool kept = false;
-    if (hasPlace && context_.live && context_.live->state(layer))
-        kept = context_.live->setLocked(layer, locked);
-    else if (hasPlace)
-        kept = setOmniValue(layer, kLocked, pxr::VtValue(locked));
-    kept = setLayerFlags(context_.host.rootLayer(), kLocked, {{id, locked}}) || kept;
-    if (!kept)
+    if (!writeLock(id, *known, locked))
         return fail(LayerErrorType::ReadOnly,
-                    "neither " + id + " nor the root layer accepts edits");
+                    id + " and the root layer do not both accept the edit of the lock");
     learnFlags();
     if ((known = find(id))) known->ownLock = hasOwnLock(layer);
     notifyLocks();
     return {};
+}
+
+// Writes nothing and returns false if a lock would stay, or if there is no place for one.
+bool LayersState::writeLock(const std::string& id, const Known& known, bool locked) {
+    const auto& layer = known.layer;
+    const auto root = context_.host.rootLayer();
+    const bool isLive = liveState(known).has_value();
+    // A layer that is the root of another stage has that stage's map in the place of its own lock.
+    // Then only our root layer stores the lock.
+    const bool inLayer = layer && !omniValue(layer, kLocked).IsHolding<pxr::VtDictionary>() &&
+                         (isLive || layer->PermissionToEdit());
+    const auto map = omniValue(root, kLocked);
+    const bool inRoot =
+        root->PermissionToEdit() && (map.IsEmpty() || map.IsHolding<pxr::VtDictionary>());
+    if (!inLayer && !inRoot) return false;
+    const auto flag = lockFlags_.find(id);
+    const bool isFlagged = flag != lockFlags_.end() && flag->second;
+    if (!locked && ((known.ownLock && !inLayer) || (isFlagged && !inRoot))) return false;
+    const auto writeFlag = [&] {
+        if (inRoot) setLayerFlags(root, kLocked, {{id, locked}});
+    };
+    if (inLayer && isLive) return context_.live->setLocked(layer, locked, writeFlag);
+    const pxr::SdfChangeBlock block;
+    if (inLayer) setOmniValue(layer, kLocked, pxr::VtValue(locked));
+    writeFlag();
+    return true;
 }
 
 void LayersState::notifyLocks() {
@@ -360,8 +389,8 @@ bool LayersState::isLayerSavable(const std::string& id) {
 bool LayersState::isLayerDirty(const std::string& id) {
     const auto* known = find(id);
     if (!known || !known->layer || known->layer->IsAnonymous()) return false;
-    const auto live = context_.live ? context_.live->state(known->layer) : std::nullopt;
-    return live ? live->dirty : known->layer->IsDirty();
+    const auto live = liveState(*known);
+    return live ? isDirty(*known, *live) : known->layer->IsDirty();
 }
 
 std::vector<std::string> LayersState::dirtyLayerIdentifiers() {
@@ -377,6 +406,46 @@ void LayersState::dirtinessChanged(const pxr::SdfLayerHandle& layer) {
     // The server reports the state of a live layer; its local file is a placeholder.
     if (!context_.live || !context_.live->state(layer))
         context_.events.push(LayerEventType::DirtyStateChanged, {layer->GetIdentifier()});
+}
+
+// Own edits are dirty before the server's state shows it, until they are saved.
+bool LayersState::isDirty(const Known& known, const LiveState& live) {
+    return live.dirty || (known.editedAt && (live.pending || *known.editedAt == live.saved));
+}
+
+void LayersState::edited(const pxr::SdfLayerHandle& layer) {
+    if (!context_.live || context_.live->isApplying()) return;
+    const auto found = known_.find(layer->GetIdentifier());
+    if (found == known_.end() || found->second.dirty) return;
+    auto& known = found->second;
+    const auto live = liveState(known);
+    if (!live) return;
+    known.editedAt = live->saved;
+    known.acknowledged = false;
+    known.dirty = true;
+    edited_.insert(found->first);
+    context_.events.push(LayerEventType::DirtyStateChanged, {found->first});
+}
+
+// Returns whether the layer became dirty or clean, or was saved, since the last call.
+bool LayersState::followDirtiness(Known& known, const LiveState& live) {
+    const bool dirty = isDirty(known, live);
+    if (live.dirty || !dirty) known.editedAt.reset();
+    const Revision before = std::exchange(known.saved, live.saved);
+    const bool wasSaved = before != 0 && before != live.saved;
+    return std::exchange(known.dirty, dirty) != dirty || wasSaved;
+}
+
+// Follows the layers that this process has edited in every frame.
+void LayersState::followEdits() {
+    std::erase_if(edited_, [&](const std::string& id) {
+        const auto found = known_.find(id);
+        const auto live = found == known_.end() ? std::nullopt : liveState(found->second);
+        if (!live) return true;
+        if (followDirtiness(found->second, *live))
+            context_.events.push(LayerEventType::DirtyStateChanged, {id});
+        return !found->second.editedAt;
+    });
 }
 
 // ------------------------------------------------------------------ names
@@ -496,6 +565,7 @@ void LayersState::fileAgrees(const pxr::SdfLayerHandle& layer) {
 
 void LayersState::watch(double nowMs) {
     followMuteness();
+    followEdits();
     if (nowMs < nextLookMs_) return;
     nextLookMs_ = nowMs + kLookEveryMs;
     const auto before = used_;
@@ -509,11 +579,14 @@ void LayersState::look(double) {
     std::vector<std::string> outdated, permission, reload, dirty;
     for (auto& [id, known] : known_) {
         if (!known.layer || known.layer->IsAnonymous()) continue;
-        if (const auto live = context_.live ? context_.live->state(known.layer) : std::nullopt) {
+        if (const auto live = liveState(known)) {
             // Its local file is a placeholder.
             if (std::exchange(known.readOnly, !live->writable) == live->writable)
                 permission.push_back(id);
-            if (std::exchange(known.dirty, live->dirty) != live->dirty) dirty.push_back(id);
+            // An edit that the server refused never makes its state dirty.
+            if (std::exchange(known.acknowledged, !live->pending) && !live->pending)
+                known.editedAt.reset();
+            if (followDirtiness(known, *live)) dirty.push_back(id);
             if (std::exchange(known.outdated, live->outdated) != live->outdated) {
                 outdated.push_back(id);
                 if (live->outdated && isAutoReloaded(id, known)) reload.push_back(id);

@@ -214,8 +214,10 @@ public:
     /// itself (LK1), sent with the next tick. If the server refuses them, they become lost work,
     /// and the error names the holder. While a layer is locked, its `permissionToEdit` is false for
     /// all other users but administrators. Errors: LayerNotOpen, InvalidArgument (a root layer with
-    /// Kit's map of locks).
-    Result<void> setLocked(const LayerId& layer, bool locked);
+    /// Kit's map of locks). What `alongside` writes into live layers becomes part of the same
+    /// transaction; it is not called after an error.
+    Result<void> setLocked(const LayerId& layer, bool locked,
+                           const std::function<void()>& alongside = {});
     /// Mutes or unmutes a layer for all users on the stages of `root`, a live layer. These are
     /// edits of the root layer (MU1), sent with the next tick. Errors: LayerNotOpen,
     /// InvalidArgument (`layer` is the root layer itself).
@@ -297,6 +299,9 @@ public:
     [[nodiscard]] std::size_t pendingTransactions() const;
     [[nodiscard]] ClientId id() const;
     [[nodiscard]] const std::string& user() const;  ///< the name that others see
+    /// Returns true if the server lets the user edit and unlock what others lock. False while the
+    /// project is not known.
+    [[nodiscard]] bool isAdministrator() const;
     [[nodiscard]] std::filesystem::path cacheFolder() const;
 
 private:

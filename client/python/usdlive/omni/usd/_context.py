@@ -179,7 +179,8 @@ class UsdContext:
 
     def save_stage(self) -> bool:
         """Saves the changed layers of the local layer stack: live layers on their server, others here. Skips
-        locked layers."""
+        locked layers, except live ones that one has locked oneself. A warning names the live layers that were skipped;
+        the asynchronous forms return it as their text."""
         return self._run("saving", self._save(None))
 
     async def save_stage_async(self) -> SaveResult:
@@ -500,9 +501,9 @@ class UsdContext:
         self._distribute()
         with self._sending_a_cancel():
             chosen = _saving.unsaved(stage, live) if layers is None else layers
-            saved, problems = yield from _saving.save(chosen, live, unsaved_only=layers is None)
+            saved, problems, skipped = yield from _saving.save(chosen, live, unsaved_only=layers is None)
             problems += yield from _saving.save_locks(stage, live, locks_of)
-        return self._send_saved(saved, problems)
+        return self._send_saved(saved, problems, skipped)
 
     def _save_as(self, url: str, others: list[Sdf.Layer] | None = None) -> Steps[SaveResult]:
         stage, url = self._need_stage(), local_path(url)
@@ -520,7 +521,7 @@ class UsdContext:
         others = [layer for layer in (_saving.unsaved(stage, None) if others is None else others)
                   if layer != root]
         with self._sending_a_cancel():
-            saved, problems = yield from _saving.save(others, None)
+            saved, problems, _ = yield from _saving.save(others, None)
             problems += yield from _saving.save_locks(stage, None, named)
             if problems:
                 return self._send_saved(saved, problems)
@@ -648,8 +649,11 @@ class UsdContext:
             self._events.send(StageEventType.SAVE_FAILED, error="it was cancelled")
             raise
 
-    def _send_saved(self, saved: list[Sdf.Layer], problems: list[str]) -> SaveResult:
-        text, identifiers = "; ".join(problems), [layer.identifier for layer in saved]
+    def _send_saved(self, saved: list[Sdf.Layer], problems: list[str],
+                    skipped: typing.Sequence[str] = ()) -> SaveResult:
+        text, identifiers = "; ".join([*problems, *skipped]), [layer.identifier for layer in saved]
+        for one in skipped:
+            _log.warning("%s", one)
         if problems:
             self._events.send(StageEventType.SAVE_FAILED, error=text)
         else:

@@ -78,11 +78,13 @@ class LiveStage:
         states = self.live.layer_states()
         return any(states[name].dirty for name in names if name in states)
 
-    def save(self, layers: list[Sdf.Layer], unsaved_only: bool) -> Steps[tuple[list[Sdf.Layer], list[str]]]:
-        """Returns the layers that the server has saved, and the reasons for the others."""
+    def save(self, layers: list[Sdf.Layer],
+             unsaved_only: bool) -> Steps[tuple[list[Sdf.Layer], list[str], list[str]]]:
+        """Returns the layers that the server has saved, the reasons for the others, and sentences about those that it has
+        skipped: with `unsaved_only`, the layers that somebody else has locked."""
         named = {name: layer for layer in layers if (name := self.name_of(layer))}
         if not named:
-            return [], []
+            return [], [], []
         answers: list[events.Saved | events.ServerError] = []
         committed: set[str] = set()  # their states may arrive a little later
 
@@ -101,18 +103,23 @@ class LiveStage:
                 named = {name: layer for name, layer in named.items()
                          if name in committed or name in states and states[name].dirty}
                 if not named:
-                    return [], []
+                    return [], [], []
             answers.clear()
             self.live.request_save(*named)
             answered = yield Until(lambda: bool(answers), self.tick, _SAVE_SECONDS)
         finally:
             self.live.remove_handler(receive)
         if not answered:
-            return [], [f"the server did not confirm the save within {_SAVE_SECONDS:.0f} s"]
+            return [], [f"the server did not confirm the save within {_SAVE_SECONDS:.0f} s"], []
         if isinstance(answers[0], events.ServerError):
-            return [], [answers[0].message]
-        failed = [f"{layer}: {message}" for layer, _, message in answers[0].failed]
-        return [named[name] for name in answers[0].saved if name in named], failed
+            return [], [answers[0].message], []
+        failed, skipped = [], []
+        for layer, code, message in answers[0].failed:
+            if unsaved_only and code == "locked":
+                skipped.append(f"{layer} was skipped: {message}")
+            else:
+                failed.append(f"{layer}: {message}")
+        return [named[name] for name in answers[0].saved if name in named], failed, skipped
 
     def checkpoint(self, comment: str, force: bool) -> Steps[str]:
         """Creates a checkpoint named after the comment, with a number if that name is used. A revision that has

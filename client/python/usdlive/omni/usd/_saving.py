@@ -92,12 +92,14 @@ def find_local(stage: Usd.Stage, live: LiveStage | None,
 
 
 def save(layers: list[Sdf.Layer], live: LiveStage | None,
-         unsaved_only: bool = False) -> Steps[tuple[list[Sdf.Layer], list[str]]]:
-    """Returns the saved layers and the problems of the others. `unsaved_only` applies to live layers."""
+         unsaved_only: bool = False) -> Steps[tuple[list[Sdf.Layer], list[str], list[str]]]:
+    """Returns the saved layers, the problems of the others, and sentences about those that were skipped.
+    `unsaved_only` applies to live layers."""
     saved: list[Sdf.Layer] = []
     problems: list[str] = []
+    skipped: list[str] = []
     if live:
-        saved, problems = yield from live.save(layers, unsaved_only)
+        saved, problems, skipped = yield from live.save(layers, unsaved_only)
     for layer in layers:
         if live and live.name_of(layer):
             continue
@@ -106,7 +108,7 @@ def save(layers: list[Sdf.Layer], live: LiveStage | None,
             saved.append(layer)
         except OUTSIDE as error:
             problems.append(reason(error))
-    return saved, problems
+    return saved, problems, skipped
 
 
 def _save_file(layer: Sdf.Layer) -> Steps[None]:

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "usdlive/client/usd/layers/LayerTypes.h"
+#include "usdlive/client/usd/layers/LiveLayers.h"
 
 namespace usdlive::layers {
 
@@ -46,6 +47,8 @@ public:
     [[nodiscard]] bool isLayerSavable(const std::string& id);
     [[nodiscard]] bool isLayerDirty(const std::string& id);
 
+    /// Writes the lock into the layer and into the root layer's map, both or none. Fails for a live
+    /// layer that somebody else has locked.
     LayerResult<void> setLayerLockState(const std::string& id, bool locked);
     [[nodiscard]] bool isLayerLocked(const std::string& id);
 
@@ -99,6 +102,8 @@ public:
     /// Call when the customLayerData of the root layer or of a layer has changed.
     void dataChanged(const pxr::SdfLayerHandle& layer);
     void dirtinessChanged(const pxr::SdfLayerHandle& layer);
+    /// Call after an edit of this process. A live layer is dirty from then on.
+    void edited(const pxr::SdfLayerHandle& layer);
     /// Call when this process has written or read the layer's file, so that watch() does not report
     /// it.
     void fileAgrees(const pxr::SdfLayerHandle& layer);
@@ -116,6 +121,10 @@ private:
         bool outdated = false;
         bool readOnly = false;
         bool dirty = false;  // last reported value, for a live layer
+        Revision saved = 0;
+        // The value of `saved` at an edit of this process that the server's state does not show yet
+        std::optional<Revision> editedAt;
+        bool acknowledged = false;  // at the last check after this edit
         std::string owner;
     };
 
@@ -125,6 +134,11 @@ private:
                         std::set<std::string>& visited);
     void learnUsed();
     void readFileState(Known& known);
+    [[nodiscard]] std::optional<LiveState> liveState(const Known& known) const;
+    [[nodiscard]] static bool isDirty(const Known& known, const LiveState& live);
+    [[nodiscard]] static bool followDirtiness(Known& known, const LiveState& live);
+    void followEdits();
+    [[nodiscard]] bool writeLock(const std::string& id, const Known& known, bool locked);
     void learnFlags();
     void applyScope(const std::set<std::string>& wanted);
     [[nodiscard]] const std::set<std::string>& flagsOfScope() const;
@@ -154,6 +168,7 @@ private:
     bool scopeDue_ = false;                       // the stage has to adopt the global flags
     const std::unique_ptr<FileWatch> watch_;
     double nextLookMs_ = 0;
+    std::set<std::string> edited_;  // the layers with `editedAt`
 };
 
 }  // namespace usdlive::layers

@@ -17,11 +17,14 @@ namespace usdlive::layers {
 
 /// The state of a live layer besides its content.
 struct LiveState {
-    bool dirty = false;     ///< differs from its file
-    UserName lockHolder;    ///< empty: nobody, or a holder without a name
-    bool outdated = false;  ///< somebody else has changed its file on the server
-    bool writable = true;   ///< the server can write the file
-    std::string owner;      ///< owner of the server's file
+    bool dirty = false;          ///< differs from its file
+    UserName lockHolder;         ///< empty: nobody, or a holder without a name
+    bool lockedByOther = false;  ///< by `lockHolder`, and the user may not unlock it
+    bool outdated = false;       ///< somebody else has changed its file on the server
+    bool writable = true;        ///< the server can write the file
+    std::string owner;           ///< owner of the server's file
+    Revision saved = 0;          ///< the revision in the server's file; 0: unknown
+    bool pending = false;        ///< the connection has edits that the server has not acknowledged
 };
 
 /// Provides the states and locks of live layers.
@@ -33,8 +36,10 @@ public:
     /// Returns nothing if the layer is not live.
     [[nodiscard]] virtual std::optional<LiveState> state(
         const pxr::SdfLayerHandle& layer) const = 0;
-    /// Returns false if the layer is not open, or has other data in the place of the lock.
-    virtual bool setLocked(const pxr::SdfLayerHandle& layer, bool locked) = 0;
+    /// Returns false if the layer is not open, or has other data in the place of the lock. What
+    /// `alongside` writes is sent in the same transaction; it is not called after a failure.
+    virtual bool setLocked(const pxr::SdfLayerHandle& layer, bool locked,
+                           const std::function<void()>& alongside) = 0;
     /// Returns true while the connection writes edits of others, or the server's refusals, into
     /// layers.
     [[nodiscard]] virtual bool isApplying() const { return false; }
@@ -50,7 +55,8 @@ public:
     explicit ClientLayers(Client& client) : client_(client) {}
     [[nodiscard]] UserName user() const override;
     [[nodiscard]] std::optional<LiveState> state(const pxr::SdfLayerHandle& layer) const override;
-    bool setLocked(const pxr::SdfLayerHandle& layer, bool locked) override;
+    bool setLocked(const pxr::SdfLayerHandle& layer, bool locked,
+                   const std::function<void()>& alongside) override;
     [[nodiscard]] bool isApplying() const override;
     void withoutWaiting(const std::function<void()>& compose) override;
     void reload(const pxr::SdfLayerHandle& layer) override;

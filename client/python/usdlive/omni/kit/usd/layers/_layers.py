@@ -95,10 +95,12 @@ class LayersState(_Part):
         native = self._native
         return bool(native) and native.is_layer_savable(layer_identifier)
 
-    def set_layer_lock_state(self, layer_identifier: str, locked: bool) -> None:
-        """Locks or unlocks a sublayer. The root layer cannot be locked."""
-        if native := self._native:
-            native.set_layer_lock_state(layer_identifier, locked)
+    def set_layer_lock_state(self, layer_identifier: str, locked: bool) -> bool:
+        """Locks or unlocks a sublayer. The root layer cannot be locked. Returns False, which Kit does not, and
+        changes nothing if it is refused, for example because somebody else has locked the layer;
+        get_last_error_string() has the reason."""
+        native = self._native
+        return bool(native) and native.set_layer_lock_state(layer_identifier, locked)
 
     def is_layer_locked(self, layer_identifier: str) -> bool:
         native = self._native

@@ -185,10 +185,16 @@ class LayerUtils:
 
     @staticmethod
     def set_layer_lock_status(root_layer: _Layer, layer_identifier: str, locked: bool) -> bool:
+        """Writes the root layer's flag only. Returns False for unlocking a layer that has a lock of its own:
+        LayersState.set_layer_lock_state() ends both."""
+        if not locked and _utils.has_own_lock(layer_identifier):
+            return False
         return _utils.set_layer_flag(_id(root_layer), "locked", layer_identifier, locked)
 
     @staticmethod
     def remove_layer_lock_status(root_layer: _Layer, layer_identifier: str) -> bool:
+        if _utils.has_own_lock(layer_identifier):
+            return False
         return _utils.remove_layer_flag(_id(root_layer), "locked", layer_identifier)
 
     @staticmethod

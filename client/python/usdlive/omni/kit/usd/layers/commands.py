@@ -629,16 +629,17 @@ class LockLayerCommand(_StateCommand):
             raise CommandFailed(f"{self._identifier} is not a layer of this stage")
         state = self.layers().get_layers_state()
         self._was = state.is_layer_locked(self._identifier)
-        state.set_layer_lock_state(self._identifier, self._locked)
+        if not state.set_layer_lock_state(self._identifier, self._locked):
+            raise CommandFailed(self.layers().get_last_error_string())
         if self._locked:
             self.leave_edit_target(layer)
 
     def undo(self) -> list[Kept]:
         state = self.layers().get_layers_state()
-        if state.is_layer_locked(self._identifier) != self._locked:
+        if (state.is_layer_locked(self._identifier) != self._locked
+                or not state.set_layer_lock_state(self._identifier, self._was)):
             kept = [Kept(self._identifier, str(_ROOT), None, None, "another user has changed its lock since")]
             return kept + super().undo()
-        state.set_layer_lock_state(self._identifier, self._was)
         return super().undo()
 
 
