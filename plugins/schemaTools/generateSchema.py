@@ -42,7 +42,7 @@ def plug_info(text):
 # Names that a class cannot have for an accessor: words of the language, and members of all schema classes.
 TAKEN = {
     "accessors.py.jinja": {*keyword.kwlist, *"""
-        all apply attribute define identifier instance missing prim property_name relationship remove""".split()},
+        all apply attribute define identifier instance prim property_name relationship remove""".split()},
     "accessors.h.jinja": set("""
         alignas alignof and and_eq asm auto bitand bitor bool break case catch char char8_t char16_t char32_t class co_await
         co_return co_yield compl concept const const_cast consteval constexpr constinit continue decltype default delete do
@@ -57,9 +57,12 @@ TAKEN = {
 
 class Property:
     def __init__(self, spec, namespace):
-        from pxr import Sdf
-        self.name = f"{namespace}:__INSTANCE_NAME__:{spec.name}" if namespace else spec.name
-        self.accessor = spec.name.split(":")[-1]
+        from pxr import Sdf, Usd
+        # A property with the name of the instance itself is read by the last word of the namespace.
+        is_instance = spec.name == "__INSTANCE_NAME__"
+        self.name = Usd.SchemaRegistry.MakeMultipleApplyNameTemplate(
+            namespace, "" if is_instance else spec.name) if namespace else spec.name
+        self.accessor = (namespace if is_instance else spec.name).split(":")[-1]
         self.setter = "set" + self.accessor[0].upper() + self.accessor[1:]
         self.snake = re.sub(r"(?<=[a-z0-9])([A-Z])", lambda found: "_" + found[1].lower(), self.accessor)
         self.doc = one_line(spec.documentation)
@@ -67,6 +70,7 @@ class Property:
         self.is_uniform = spec.variability == Sdf.VariabilityUniform
         if self.is_relationship:
             return
+        self.type = str(spec.typeName)
         self.cpp = re.sub(r"\b(?=(Tf|Gf|Vt|Sdf)[A-Z])", "pxr::", spec.typeName.cppTypeName)
         self.cpp = self.cpp.replace("string", "std::string") if self.cpp == "string" else self.cpp
         tokens = spec.GetInfo("allowedTokens")
@@ -74,18 +78,20 @@ class Property:
             self.doc += " One of " + ", ".join(f'"{token}"' for token in tokens) + "."
 
 
+def class_name(prim):
+    return prim.customData.get("className") or prim.name[0].upper() + prim.name[1:]
+
+
 class Schema:
-    def __init__(self, prim):
+    def __init__(self, prim, kind):
         self.identifier = prim.name
-        self.name = prim.customData["className"]
+        self.kind = kind
+        self.name = class_name(prim)
         self.doc = one_line(prim.documentation)
         parent = prim.inheritPathList.GetAddedOrExplicitItems()[0].name
-        self.is_api = parent == "APISchemaBase"
-        self.is_multiple = prim.customData.get("apiSchemaType") == "multipleApply"
-        self.is_abstract = not self.is_api and not prim.typeName
         # A schema of another library is no base class here.
         inherited = prim.layer.GetPrimAtPath("/" + parent)
-        self.base = inherited.customData["className"] if inherited else None
+        self.base = class_name(inherited) if inherited else None
         known = {spec.name for base in ancestors(inherited) for spec in base.properties}
         self.properties = [Property(spec, prim.customData.get("propertyNamespacePrefix"))
                            for spec in prim.properties if spec.name not in known]
@@ -117,19 +123,27 @@ def one_line(text):
     return " ".join(text.split())
 
 
-def accessors(schema, template):
+def kinds_in(info):
+    """Returns the kind of each schema, by its identifier, as OpenUSD reads it in the text of a plugInfo.json."""
+    types = [one for plugin in json.loads(info)["Plugins"] for one in plugin["Info"]["Types"].values()]
+    return {one["schemaIdentifier"]: one["schemaKind"] for one in types}
+
+
+def accessors(schema, kinds, template):
     """Renders a template with all schemas of the file, each after the one that it inherits from."""
     import jinja2
     from pxr import Sdf
     layer = Sdf.Layer.FindOrOpen(str(schema))
     library = layer.GetPrimAtPath("/GLOBAL").customData["libraryName"]
-    schemas = [Schema(prim) for prim in layer.rootPrims if prim.specifier == Sdf.SpecifierClass]
+    classes = [prim for prim in layer.rootPrims if prim.specifier == Sdf.SpecifierClass]
+    schemas = [Schema(prim, kinds[prim.name]) for prim in sorted(classes, key=lambda prim: len(list(ancestors(prim))))]
     check_names(layer, schemas, template)
     environment = jinja2.Environment(loader=jinja2.FileSystemLoader(HERE), trim_blocks=True, lstrip_blocks=True,
                                      keep_trailing_newline=True, undefined=jinja2.StrictUndefined)
     types = {kind for one in schemas for member in one.properties if not member.is_relationship
-             for kind in re.findall(r"pxr::Gf(\w+)", member.cpp)}
-    headers = sorted(f"pxr/base/gf/{kind[0].lower()}{kind[1:]}.h" for kind in types)
+             for kind in re.findall(r"pxr::(Gf|Sdf)(\w+)", member.cpp)}
+    folders = {"Gf": "base/gf", "Sdf": "usd/sdf"}
+    headers = sorted(f"pxr/{folders[library]}/{kind[0].lower()}{kind[1:]}.h" for library, kind in types)
     return environment.get_template(template).render(library=library, source=pathlib.Path(schema).name,
                                                      schemas=schemas, headers=headers)
 
@@ -153,12 +167,13 @@ def main():
     with tempfile.TemporaryDirectory() as temporary:
         made = pathlib.Path(temporary)
         run_usd_gen_schema(options.schema.resolve(), made)
-        write(options.folder / "plugInfo.json", plug_info((made / "plugInfo.json").read_text(encoding="utf-8")))
+        info = plug_info((made / "plugInfo.json").read_text(encoding="utf-8"))
+        write(options.folder / "plugInfo.json", info)
         write(options.folder / "generatedSchema.usda", (made / "generatedSchema.usda").read_text(encoding="utf-8"))
     if options.cpp:
-        write(options.cpp, accessors(options.schema, "accessors.h.jinja"))
+        write(options.cpp, accessors(options.schema, kinds_in(info), "accessors.h.jinja"))
     if options.python:
-        write(options.python, accessors(options.schema, "accessors.py.jinja"))
+        write(options.python, accessors(options.schema, kinds_in(info), "accessors.py.jinja"))
 
 
 if __name__ == "__main__":

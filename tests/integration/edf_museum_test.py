@@ -91,7 +91,7 @@ def test_content_follows_the_schema(tmp_path, museum):
         second = a.GetChildren()[0].GetChildren()[1]
         value = lambda name: first.GetAttribute(name).Get()
         result = [names(stage), str(first.GetName()), [value(name) for name in ("objectId", "title", "accessionYear",
-                  "isPublicDomain", "omni:met:artist:artistDisplayName")], first.HasAttribute("period"),
+                  "isPublicDomain", "omni:met:artist:artistDisplayName")], first.GetAttribute("period").IsAuthored(),
                   str(first.GetMetadata("apiSchemas")), str(second.GetMetadata("apiSchemas")),
                   [str(first.GetAttribute(name).GetTypeName()) for name in ("objectId", "isHighlight")],
                   str(first.GetAttribute("title").GetVariability()), first.GetTypeName(), a.GetChildren()[0].GetTypeName(),
@@ -103,6 +103,29 @@ def test_content_follows_the_schema(tmp_path, museum):
     assert not has_period and "ArtistAPI" in schemas and "OmniMet" not in schemas and none == "None"
     assert types == ["string", "bool"] and "Uniform" in variability
     assert (kind, department, number) == ("AmaObject", "AmaDepartment", "1")
+
+
+def test_schemas_define_all_that_the_provider_writes(tmp_path, museum):
+    texts = ("accessionNumber accessionYear primaryImage primaryImageSmall department title culture period dynasty reign "
+             "portfolio artistRole artistPrefix artistDisplayName artistDisplayBio artistSuffix artistAlphaSort "
+             "artistNationality artistGender artistWikidata_URL artistULAN_URL").split()
+    museum.changed["/objects/1000"] = {name: "x" for name in texts}
+    scene(tmp_path, shown("A", dataLodLevel=2))
+    ran = ask(tmp_path, museum, """
+        department = stage.GetPrimAtPath("/A").GetChildren()[0]
+        kinds = Usd.SchemaRegistry()
+        result = []
+        for prim in (department, department.GetChildren()[0]):
+            defined = prim.GetPrimDefinition()
+            result.append([str(kinds.FindSchemaInfo(prim.GetTypeName()).kind), list(prim.GetAppliedSchemas()),
+                           len(prim.GetAuthoredAttributes()), prim.GetAuthoredPropertyNames() == defined.GetPropertyNames(),
+                           [name for name in prim.GetAuthoredPropertyNames()
+                            if defined.GetSchemaAttributeSpec(name).typeName != prim.GetAttribute(name).GetTypeName()
+                            or defined.GetSchemaAttributeSpec(name).variability != prim.GetAttribute(name).GetVariability()]])
+        second = department.GetChildren()[1]
+        result.append([second.GetAttribute("period").Get(), second.GetAttribute("isHighlight").HasAuthoredValue()])""".strip())
+    concrete = "ConcreteTyped"
+    assert ran.result == [[concrete, [], 2, True, []], [concrete, ["ArtistAPI"], 24, True, []], ["", True]]
 
 
 # --- failures ------------------------------------------------------------------------------------------

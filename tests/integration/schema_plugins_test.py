@@ -390,7 +390,8 @@ def test_a_fresh_schema_is_picked_up(tmp_path):
 def test_accessors_hide_no_member_of_the_classes(tmp_path):
     from usdlive import _schema_access
 
-    classes = (_schema_access.TypedSchema, _schema_access.ApiSchema, _schema_access.MultipleApiSchema)
+    classes = (_schema_access.TypedSchema, _schema_access.ApiSchema, _schema_access.MultipleApiSchema,
+               _schema_access.NonAppliedApiSchema)
     members = {name for one in classes for name in dir(one) if not name.startswith("_")} | {"prim", "instance"}
     assert members <= runpy.run_path(str(GENERATOR))["TAKEN"]["accessors.py.jinja"]
     source = tmp_path / "schema.usda"

@@ -60,6 +60,7 @@ EDGES = {
         "tests/probe",
         "tests/watch",
         "tests/schemas",
+        "tests/schemaKinds",
         "tests/fuzz",
         "bench",
     ],

@@ -9,8 +9,14 @@ class Attribute:
     """Reads the composed value or the fallback, None if there is neither; writes at the default time, to the edit
     target of the stage. `schema.attribute("state")` is the Usd.Attribute, for other times and everything else."""
 
-    def __init__(self, name: str, doc: str):
+    def __init__(self, name: str, doc: str, type_name: str = "", is_uniform: bool = False):
         self.name, self.__doc__ = name, doc
+        # No definition has them if the schema is a non-applied one.
+        self.type_name, self.is_uniform = type_name, is_uniform
+
+    def create(self, prim: Usd.Prim) -> Usd.Attribute:
+        variability = Sdf.VariabilityUniform if self.is_uniform else Sdf.VariabilityVarying
+        return prim.CreateAttribute(self.name, Sdf.ValueTypeNames.Find(self.type_name), False, variability)
 
     def __get__(self, schema, owner=None):
         if schema is None:
@@ -19,10 +25,8 @@ class Attribute:
         return attribute.Get() if attribute else None
 
     def __set__(self, schema, value) -> None:
-        attribute = schema.prim.GetAttribute(schema.property_name(self))
-        if not attribute:
-            raise schema.missing(self)
-        if attribute.GetTypeName() == Sdf.ValueTypeNames.TimeCode:
+        attribute = schema.prim.GetAttribute(schema.property_name(self)) or schema._create(self)
+        if attribute.GetTypeName() == Sdf.ValueTypeNames.TimeCode and not isinstance(value, Sdf.TimeCode):
             value = Sdf.TimeCode(value)  # pxr converts no numbers
         attribute.Set(value)
 
@@ -33,6 +37,9 @@ class Relationship:
     def __init__(self, name: str, doc: str):
         self.name, self.__doc__ = name, doc
 
+    def create(self, prim: Usd.Prim) -> Usd.Relationship:
+        return prim.CreateRelationship(self.name, False)
+
     def __get__(self, schema, owner=None):
         if schema is None:
             return self
@@ -40,9 +47,7 @@ class Relationship:
         return relationship.GetTargets() if relationship else []
 
     def __set__(self, schema, targets) -> None:
-        relationship = schema.prim.GetRelationship(schema.property_name(self))
-        if not relationship:
-            raise schema.missing(self)
+        relationship = schema.prim.GetRelationship(schema.property_name(self)) or schema._create(self)
         one = isinstance(targets, (str, Sdf.Path))
         relationship.SetTargets([Sdf.Path(path) for path in ([targets] if one else targets)])
 
@@ -73,9 +78,9 @@ class Schema:
     def property_name(self, member) -> str:
         return member.name
 
-    def missing(self, member) -> AttributeError:
-        return AttributeError(f"<{self.prim.GetPath()}> has no property '{self.property_name(member)}': it does not "
-                              f"have the schema '{self.identifier}'")
+    def _create(self, member):
+        raise AttributeError(f"<{self.prim.GetPath()}> has no property '{self.property_name(member)}': it does not "
+                             f"have the schema '{self.identifier}'")
 
 
 class TypedSchema(Schema):
@@ -109,6 +114,16 @@ class ApiSchema(Schema):
 
     def remove(self) -> None:
         self.prim.RemoveAPI(self.identifier)
+
+
+class NonAppliedApiSchema(Schema):
+    """An API schema that every prim has: it is not applied, and creates its properties when they are written."""
+
+    def __bool__(self) -> bool:
+        return bool(self.prim)
+
+    def _create(self, member):
+        return member.create(self.prim)
 
 
 class MultipleApiSchema(Schema):

@@ -83,6 +83,8 @@ TfToken SchemaAccess::propertyName(const char* name) const {
 
 bool SchemaAccess::isValid() const {
     if (!prim_) return false;
+    const auto* schema = prim_.stage().schemas().find(identifier_);
+    if (schema && schema->kind == schema::SchemaKind::NonAppliedApi) return true;
     return contains(prim_.appliedSchemas(), appliedName()) ||
            prim_.stage().schemas().isA(prim_.typeName(), identifier_);
 }

@@ -122,7 +122,10 @@ Definitions DefinitionBuilder::buildAll() {
             done_[info.identifier] = std::make_unique<PrimDefinition>(*built_.at(info.identifier));
         }
     for (const auto& info : plugins_.schemas)
-        if (info.isTyped()) buildTyped(info);
+        if (info.isTyped())
+            buildTyped(info);
+        else if (info.kind == SchemaKind::NonAppliedApi)
+            buildNonApplied(info);
     return std::move(done_);
 }
 
@@ -254,6 +257,15 @@ void DefinitionBuilder::buildTyped(const SchemaInfo& info) {
     applyOverrides(info, overrides, *own);
     finish(*own);
     done_[info.identifier] = std::move(own);
+}
+
+// Some of these schemas consist of C++ functions only and have no class.
+void DefinitionBuilder::buildNonApplied(const SchemaInfo& info) {
+    const auto layer = layerOf(info);
+    if (!layer || !layer->HasSpec(classPath(info.identifier))) return;
+    auto definition = readClass(info, {});
+    finish(*definition);
+    done_[info.identifier] = std::move(definition);
 }
 
 void DefinitionBuilder::applyOverrides(const SchemaInfo& info, const TfTokenVector& overrides,

@@ -47,6 +47,7 @@ private:
 
     bool buildApi(const SchemaInfo& info);
     void buildTyped(const SchemaInfo& info);
+    void buildNonApplied(const SchemaInfo& info);
     std::unique_ptr<PrimDefinition> readClass(const SchemaInfo& info,
                                               const pxr::TfTokenVector& overrides);
     pxr::SdfLayerHandle layerOf(const SchemaInfo& info) const;

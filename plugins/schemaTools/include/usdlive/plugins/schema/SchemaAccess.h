@@ -23,7 +23,7 @@ namespace usdlive::schemas {
 class SchemaAccess {
 public:
     [[nodiscard]] const stage::Prim& prim() const { return prim_; }
-    /// Whether the prim is of this type, or has this API schema.
+    /// Whether the prim is of this type, or has this API schema. Every prim has a non-applied one.
     [[nodiscard]] bool isValid() const;
     explicit operator bool() const { return isValid(); }
 
