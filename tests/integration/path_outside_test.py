@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import random
+
 import pytest
 import usdlive
 from conftest import connect, wait
@@ -66,7 +68,7 @@ def test_paths_that_others_can_open_are_not_reported(server, project):
     with connect(server, "ada") as live:
         stage, found = live.open_stage("shot.usda"), reports(live)
         prim = stage.GetPrimAtPath("/A")
-        addresses = ["./tex/brick.png", "../brick.png", "brick.png", "", "a/b.<UDIM>.png",
+        addresses = ["./tex/brick.png", "tex/../brick.png", "brick.png", "", "a/b.<UDIM>.png",
                      f"usdlive://127.0.0.1:{server.port}/brick.png", live.identifier("prop.usda")]
         for path in addresses:
             prim.GetAttribute("tex").Set(path)
@@ -95,3 +97,133 @@ def test_a_paste_of_many_such_paths_is_reported_to_a_bound(server):
                 Sdf.AttributeSpec(spec, "tex", Sdf.ValueTypeNames.Asset).default = Sdf.AssetPath(f"/x/{number}.png")
         assert live.flush(20)
         assert len(found) == 1_000
+
+
+# --- every place that can name a path, and every kind of path ------------------------------------------
+
+
+def arc(kind, edit):
+    def write(stage, path):
+        prim = stage.OverridePrim("/A/B")
+        edit(prim.GetReferences() if kind is Sdf.Reference else prim.GetPayloads(), kind(path, "/A"))
+        return "/A/B", ""
+    return write
+
+
+def attribute(edit, name="tex"):
+    def write(stage, path):
+        edit(stage.GetPrimAtPath("/A").GetAttribute(name), path)
+        return "/A", name
+    return write
+
+
+def metadata(edit):
+    def write(stage, path):
+        edit(stage.GetPrimAtPath("/A"), path)
+        return "/A", ""
+    return write
+
+
+def clips(**entries):
+    def write(stage, path):
+        made = {key: make(path) for key, make in entries.items()}
+        Usd.ClipsAPI(stage.GetPrimAtPath("/A")).SetClips({"default": {"primPath": "/A", **made}})
+        return "/A", ""
+    return write
+
+
+def sublayer(stage, path):
+    stage.GetRootLayer().subLayerPaths.append(path)
+    return "/", ""
+
+
+def in_a_variant(stage, path):
+    prim = stage.GetPrimAtPath("/A")
+    prim.GetVariantSets().AddVariantSet("v").AddVariant("one")
+    prim.GetVariantSet("v").SetVariantSelection("one")
+    with prim.GetVariantSet("v").GetVariantEditContext():
+        prim.GetAttribute("tex").Set(Sdf.AssetPath(path))
+    return "/A{v=one}", "tex"
+
+
+def pasted(stage, path):
+    copied = Sdf.Layer.CreateAnonymous()
+    Sdf.AttributeSpec(Sdf.CreatePrimInLayer(copied, "/P"), "tex", Sdf.ValueTypeNames.Asset).default = Sdf.AssetPath(path)
+    assert Sdf.CopySpec(copied, "/P", stage.GetRootLayer(), "/A/P")
+    return "/A/P", "tex"
+
+
+def layer_data(stage, path):
+    stage.GetRootLayer().customLayerData = {"studio": {"look": Sdf.AssetPath(path)}}
+    return "/", ""
+
+
+def many(path):
+    return Sdf.AssetPathArray([path, *(f"./tex/{number:020}.png" for number in range(20_000))])
+
+
+PLACES = {
+    "default": attribute(lambda one, path: one.Set(path)),
+    "sample": attribute(lambda one, path: one.Set(path, 2.0)),
+    "array": attribute(lambda one, path: one.Set(Sdf.AssetPathArray(["./a", path])), "many"),
+    "sample of an array": attribute(lambda one, path: one.Set(Sdf.AssetPathArray(["./a", path]), 3.0), "many"),
+    "big array": attribute(lambda one, path: one.Set(many(path)), "many"),
+    "metadata of an attribute": attribute(lambda one, path: one.SetCustomDataByKey("a", Sdf.AssetPath(path))),
+    "asset info": metadata(lambda one, path: one.SetAssetInfoByKey("identifier", Sdf.AssetPath(path))),
+    "nested dictionary": metadata(lambda one, path: one.SetCustomData({"a": {"b": {"c": Sdf.AssetPath(path)}}})),
+    "key of a dictionary": metadata(lambda one, path: one.SetCustomDataByKey("x:y", Sdf.AssetPathArray([path]))),
+    "metadata of a layer": layer_data,
+    "prepended reference": arc(Sdf.Reference, lambda arcs, one: arcs.AddReference(one)),
+    "appended reference": arc(Sdf.Reference, lambda arcs, one: arcs.AddReference(one, Usd.ListPositionBackOfAppendList)),
+    "explicit references": arc(Sdf.Reference, lambda arcs, one: arcs.SetReferences([one])),
+    "payload": arc(Sdf.Payload, lambda arcs, one: arcs.AddPayload(one)),
+    "explicit payloads": arc(Sdf.Payload, lambda arcs, one: arcs.SetPayloads([one])),
+    "sublayer": sublayer,
+    "clips": clips(assetPaths=lambda path: Sdf.AssetPathArray(["./a.usda", path])),
+    "manifest of clips": clips(manifestAssetPath=Sdf.AssetPath),
+    "template of clips": clips(templateAssetPath=str),
+    "variant": in_a_variant,
+    "pasted prim": pasted,
+}
+# `{}` is a name. The folder of the project is called "project".
+OUTSIDE = ["/home/ada/{}", "//nas/tex/{}", "file:///home/{}", "file:{}", "FILE:///home/{}", "C:/tex/{}", "c:\\tex\\{}", "C:{}",
+           "\\\\nas\\tex\\{}", "../{}", "./../../{}", "tex/../../{}", "..\\tex\\{}", "../project/{}", "./../project/tex/{}",
+           "anon:0x7f33aa:{}", "/home/{}:SDF_FORMAT_ARGS:a=b", "../{}:SDF_FORMAT_ARGS:a=b", "/home/pack.usdz[{}]",
+           "../pack.usdz[{}]", '`"/home/${{SHOT}}/{}"`', '`"../${{SHOT}}/{}"`']
+INSIDE = ["{}", "./{}", "tex/{}", "./tex/../{}", "a..b/{}", "...{}", "tex\\{}", "anon:edf:{}", "http://example.org/../{}",
+          "https://example.org/{}", "usdlive://example.org/shot/{}", "omniverse://nucleus/{}", "s3+https://bucket/{}",
+          "./{}:SDF_FORMAT_ARGS:a=../b", "pack.usdz[{}]", '`"./${{SHOT}}/{}"`', '`"${{ROOT}}/{}"`']
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_every_place_reports_every_path_that_others_cannot_open(server, seed):
+    """Compares relative paths with Sdf, too, which joins them to the address of a layer."""
+    choose = random.Random(seed)
+    with connect(server, "ada") as live:
+        stage, found = live.open_stage("shot.usda"), reports(live)
+        for place, write in sorted(PLACES.items(), key=lambda _: choose.random()):
+            for number in range(6):
+                is_outside = choose.random() < 0.6
+                name = f"{place}{number}.usda".replace(" ", "")
+                path = choose.choice(OUTSIDE if is_outside else INSIDE).format(name)
+                if path.startswith("."):
+                    joined = Sdf.ComputeAssetPathRelativeToLayer(stage.GetRootLayer(), path.replace("\\", "/"))
+                    assert is_outside == ("/../" in joined.partition(":SDF")[0]), (path, joined)
+                found.clear()
+                written = write(stage, path)
+                assert live.flush(20)
+                assert found == ([("shot.usda", *written, path)] if is_outside else []), (place, path)
+
+
+def test_a_relative_path_is_relative_to_its_layer(serve, project):
+    (project / "sets" / "room").mkdir(parents=True)
+    (project / "sets" / "room" / "room.usda").write_text(ROOT)
+    server = serve(project)
+    with connect(server, "ada") as live:
+        stage, found = live.open_stage("sets/room/room.usda"), reports(live)
+        for path, is_outside in {"../a.png": False, "../../a.png": False, "../../../a.png": True, "../../sets/a.png": False,
+                                 "../../../project/a.png": True}.items():
+            stage.GetPrimAtPath("/A").GetAttribute("tex").Set(path)
+            assert live.flush(20)
+            assert [one[3] for one in found] == ([path] if is_outside else [])
+            found.clear()

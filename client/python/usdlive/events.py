@@ -61,8 +61,9 @@ class FilesChanged:
 
 @dataclasses.dataclass(frozen=True)
 class PathOutside:
-    """An own edit wrote an absolute path to a file that is not in the project: others cannot open it. `prim` is "/" for
-    a sublayer; `property` is empty for arcs and metadata."""
+    """An own edit wrote a path that others cannot open: an absolute path of a file that is not in the project, a relative
+    path that leaves the project, or the identifier of an anonymous layer. `prim` is "/" for a sublayer; `property` is
+    empty for arcs and metadata."""
 
     layer: str
     prim: str

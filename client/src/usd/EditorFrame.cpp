@@ -33,7 +33,7 @@ std::vector<AuthoredEdit> EditorFrame::take(LiveSet& layers) {
 
 void EditorFrame::submit(std::vector<AuthoredEdit> edits, Session& session) {
     if (edits.empty()) return;
-    auto outside = outsidePaths(edits, folders_);
+    auto outside = outsidePaths(edits, folders_, blobs_);
     std::move(outside.begin(), outside.end(), std::back_inserter(outside_));
     session.author(std::move(edits));
 }

@@ -23,7 +23,7 @@ class EditorFrame {
 public:
     /// All arguments outlive this object. `encoder` encodes big arrays.
     EditorFrame(BlobCache& blobs, Worker& encoder, LostWorkReports& lost)
-        : encodings_(blobs, encoder), lost_(lost) {}
+        : blobs_(blobs), encodings_(blobs, encoder), lost_(lost) {}
 
     /// The sink for big arrays that the editor writes into LiveLayers.
     [[nodiscard]] usd::BlobSink& sink() { return encodings_; }
@@ -57,6 +57,7 @@ private:
     std::vector<AuthoredEdit> take(LiveSet& layers);
     void submit(std::vector<AuthoredEdit> edits, Session& session);
 
+    BlobCache& blobs_;
     ArrayEncodings encodings_;
     LostWorkReports& lost_;
     std::vector<std::filesystem::path> folders_;

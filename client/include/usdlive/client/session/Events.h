@@ -89,7 +89,8 @@ struct LayersChanged {
 struct FilesChanged {
     std::vector<std::string> files;  ///< paths relative to the project
 };
-/// An own edit wrote an absolute path to a file that is not in the project: others cannot open it.
+/// An own edit wrote a path that others cannot open: an absolute path of a file that is not in the
+/// project, a relative path that leaves the project, or the identifier of an anonymous layer.
 struct PathOutside {
     LayerId layer;
     std::string prim;      ///< the path of the prim, or "/" for the layer itself
