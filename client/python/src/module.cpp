@@ -151,7 +151,9 @@ public:
 
     void closeLayer(const std::string& name) {
         const LayerId layer = orRaise(parseLayerId(name));
-        work("close_layer", true, [&](Client& live) { live.close(layer); });
+        const auto closed =
+            work("close_layer", true, [&](Client& live) { return live.close(layer); });
+        if (!closed) raise(closed.error());
     }
 
     /// Returns (applied commits, more to apply, events).

@@ -308,7 +308,12 @@ class Live:
     def write_origin(self, prim: Usd.Prim, layer: str = "", checkpoint: str = "") -> None:
         """Writes to a prim where it comes from, as UsdliveSessionAPI: the project, the newest confirmed revision,
         the user and the time, and the names of a layer and a checkpoint. For files that leave the project, such as
-        a flattened stage: their receiver can find the project, and what changed there since."""
+        a flattened stage: their receiver can find the project, and what changed there since. Raises an Error if the
+        project has no such layer or checkpoint; asks the server for the checkpoint."""
+        if layer and layer not in self.layers():
+            raise Error("layerNotFound", f"the project has no layer {layer}")
+        if checkpoint and checkpoint not in {one.name for one in self.checkpoints()}:
+            raise Error("invalidArgument", f"the project has no checkpoint '{checkpoint}'")
         from . import schemas  # generated: it needs the plug-ins
         origin = schemas.SessionAPI.apply(prim)
         origin.project, origin.revision = self._url, self.revision
@@ -320,7 +325,8 @@ class Live:
 
     def close_layer(self, layer: str) -> None:
         """Ends the live connection of the layer, which keeps its content. From then on it refuses edits, which nobody would
-        get, unless it is a file of an attached folder. `layer.SetPermissionToEdit(True)` makes it a copy of your own."""
+        get, unless it is a file of an attached folder. `layer.SetPermissionToEdit(True)` makes it a copy of your own. Raises an
+        Error if the layer is not open."""
         self._client.close_layer(layer)
 
     # -- editing
@@ -464,14 +470,16 @@ class Live:
 
     def mute(self, root: str, layer: str) -> None:
         """Mutes a layer for everybody on the stages with the root layer `root`, which must be live. Stored in
-        the root layer, as Kit does."""
+        the root layer, as Kit does. Raises an Error if the project has no such layer."""
         self._client.set_globally_muted(root, layer, True)
 
     def unmute(self, root: str, layer: str) -> None:
         self._client.set_globally_muted(root, layer, False)
 
     def globally_muted(self, root: str) -> list[str]:
-        """Returns the layers that are muted for everybody on the stages of this root layer."""
+        """Returns the layers that are muted for everybody on the stages of this root layer, which must be live."""
+        if self._client.opened_layer(root) is None:
+            raise Error("layerNotOpen", f"{root} is not open here")
         return self._client.globally_muted(root)
 
     def layer_states(self) -> dict[str, events.LayerState]:

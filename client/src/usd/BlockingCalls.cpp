@@ -134,10 +134,11 @@ Result<std::vector<LayerId>> Client::Impl::attach(const fs::path& projectFolder)
     return ids;
 }
 
-void Client::Impl::close(const LayerId& id) {
+Result<void> Client::Impl::close(const LayerId& id) {
     const auto* open = layers_.find(id);
-    if (!open && !opens_.has(id) && !layers_.isAwaited(id)) return;
-    if (!mayBlock("close")) return;
+    if (!open && !opens_.has(id) && !layers_.isAwaited(id))
+        return fail(ErrorCode::LayerNotOpen, id.value + " is not open here");
+    if (!mayBlock("close")) return {};
     // A layer without content has no edits to send.
     if (open && (open->isFilled() || open->isRefilling())) {
         flush(options_.connectTimeoutMs);
@@ -149,6 +150,7 @@ void Client::Impl::close(const LayerId& id) {
     }
     opens_.closed(id);
     layers_.close(id);
+    return {};
 }
 
 // --- sending and saving

@@ -126,7 +126,7 @@ Result<std::vector<LayerId>> Client::attach(const fs::path& projectFolder) {
     return impl_->attach(projectFolder);
 }
 
-void Client::close(const LayerId& layer) { here("close").close(layer); }
+Result<void> Client::close(const LayerId& layer) { return here("close").close(layer); }
 
 pxr::SdfLayerRefPtr Client::layer(const LayerId& layer) const { return here("layer").layer(layer); }
 

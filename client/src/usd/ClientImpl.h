@@ -75,7 +75,7 @@ public:
     Result<pxr::SdfLayerRefPtr> createLayer(const LayerId& id);
     Result<void> upload(const std::filesystem::path& file, const std::string& path, bool overwrite);
     Result<std::vector<LayerId>> attach(const std::filesystem::path& projectFolder);
-    void close(const LayerId& id);
+    Result<void> close(const LayerId& id);
     bool flush(double timeoutMs);
     Result<LayersSaved> saveAndWait(std::vector<LayerId> layers, bool force, double timeoutMs);
     /// Returns nothing if the server has not answered in time.

@@ -51,6 +51,9 @@ Result<void> LocksAndMutes::setGloballyMuted(const LayerId& root, const LayerId&
     if (!live) return tl::unexpected(live.error());
     if (root == layer)
         return fail(ErrorCode::InvalidArgument, "a root layer cannot be muted on its own stages");
+    // The mute of a layer that left the project can be removed.
+    if (!globallyMuted(root).contains(layer) && !session_.projectLayers().contains(layer))
+        return fail(ErrorCode::LayerNotFound, "the project has no layer " + layer.value);
     frame_.author(layers_, session_, **live,
                   [&] { return globalMuteEdits(root, *session_.view(root), layer, muted); });
     return {};

@@ -258,9 +258,15 @@ void Catchup::sendLog(Session& session, const RequestLog& request) {
             request.request);
     const Revision oldest = start_->oldest();
     const Revision from = request.from == 0 ? oldest + 1 : request.from;
-    if (from <= oldest)
-        return sessions_->sendError(session, historyReplaced(from, oldest).value(),
+    if (from <= oldest || (request.to != 0 && to <= oldest))
+        return sessions_->sendError(session, historyReplaced(std::min(from, to), oldest).value(),
                                     request.request);
+    if (request.to != 0 && from > to)
+        return sessions_->sendError(
+            session,
+            {ErrorCode::InvalidArgument,
+             "the log cannot end at revision " + std::to_string(to) + ", before its beginning"},
+            request.request);
     Stream& stream = *find(session.id);
     stream.logs.push_back({request.request, from, to});
     if (stream.isLive()) beginLog(stream);

@@ -133,6 +133,18 @@ TEST_F(HistoryTest, CH4OlderRevisionsAreRefusedAsSoonAsTheBaseIsChosen) {
     EXPECT_EQ(world->nextFrame<CommitFrame>(1).commit.revision, 6u) << "the oldest revision";
 }
 
+TEST_F(HistoryTest, ALogThatEndsBeforeItBeginsIsRefused) {
+    world->receive(1, ControlMessage(RequestLog{3, 7, 6}));
+    EXPECT_EQ(error().code, "invalidArgument");
+    compactTo(5);
+    for (const Revision from : {0, 6}) {
+        world->receive(1, ControlMessage(RequestLog{3, from, 4}));
+        EXPECT_EQ(error().code, "historyReplaced") << from;
+    }
+    world->receive(1, ControlMessage(RequestLog{4, 6, 6}));
+    (void)world->nextControl<LogBegin>(1);
+}
+
 TEST_F(HistoryTest, CH4AClientBeforeTheBaseJoinsAgain) {
     compactTo(5);
     const auto resume = [&](SessionId session, Revision revision) {

@@ -167,7 +167,8 @@ public:
     /// attached folder.
     /// A layer that is still being opened is closed at once, and requests to open it fail. A notice
     /// handler must not call this within tick(); an error event reports such a call.
-    void close(const LayerId& layer);
+    /// Error: LayerNotOpen.
+    Result<void> close(const LayerId& layer);
     /// Returns the live layer with all its content; null if it is not open or still being opened.
     [[nodiscard]] pxr::SdfLayerRefPtr layer(const LayerId& layer) const;
     /// Returns the name of a live layer of this client; nothing for other layers.
@@ -219,8 +220,9 @@ public:
     Result<void> setLocked(const LayerId& layer, bool locked,
                            const std::function<void()>& alongside = {});
     /// Mutes or unmutes a layer for all users on the stages of `root`, a live layer. These are
-    /// edits of the root layer (MU1), sent with the next tick. Errors: LayerNotOpen,
-    /// InvalidArgument (`layer` is the root layer itself).
+    /// edits of the root layer (MU1), sent with the next tick. Errors: LayerNotOpen, LayerNotFound
+    /// (a layer that has left the project can still be unmuted), InvalidArgument (`layer` is the
+    /// root layer itself).
     Result<void> setGloballyMuted(const LayerId& root, const LayerId& layer, bool muted);
     /// Returns the layers that are muted for all users on the stages of `root`; none if `root` is
     /// not live. The owner of a stage applies them (Usd.Stage.MuteAndUnmuteLayers).
