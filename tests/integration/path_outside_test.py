@@ -162,11 +162,18 @@ def many(path):
     return Sdf.AssetPathArray([path, *(f"./tex/{number:020}.png" for number in range(20_000))])
 
 
+def edited(path):
+    builder = Sdf.AssetPathArrayEditBuilder()
+    builder.Append(Sdf.AssetPath(path))
+    return builder.FinalizeAndReset()
+
+
 PLACES = {
     "default": attribute(lambda one, path: one.Set(path)),
     "sample": attribute(lambda one, path: one.Set(path, 2.0)),
     "array": attribute(lambda one, path: one.Set(Sdf.AssetPathArray(["./a", path])), "many"),
     "sample of an array": attribute(lambda one, path: one.Set(Sdf.AssetPathArray(["./a", path]), 3.0), "many"),
+    "edit of an array": attribute(lambda one, path: one.Set(edited(path)), "many"),
     "big array": attribute(lambda one, path: one.Set(many(path)), "many"),
     "metadata of an attribute": attribute(lambda one, path: one.SetCustomDataByKey("a", Sdf.AssetPath(path))),
     "asset info": metadata(lambda one, path: one.SetAssetInfoByKey("identifier", Sdf.AssetPath(path))),
