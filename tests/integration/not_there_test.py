@@ -15,10 +15,12 @@ import pytest
 import wire
 from cli_lines_test import LINES, LOCAL
 from conftest import Server, connect
+from layers_test import Scene
 
 import usdlive
 from pxr import Usd
 from usdlive import _usdlive, events
+from usdlive.omni.kit.usd.layers import LayerErrorType
 
 ROOT = pathlib.Path(__file__).parents[2]
 NONE = "none.usda"
@@ -212,6 +214,30 @@ def test_a_call(server, name, number):
         else:
             assert [(one.layer, one.code) for one in answer.failed] == [(NONE, "layerNotFound")]
         assert live.flush() and (live.revision == before or name in ("save", "reload")), "nothing was written"
+
+
+def kit_calls(scene):
+    kit = scene.layers
+    parts = kit.get_layers_state(), kit.get_auto_authoring(), kit.get_specs_linking(), kit.get_specs_locking()
+    for call in (call for part in parts for _, call in inspect.getmembers(part, inspect.ismethod)):
+        given = {"layer_identifier": scene.weak.identifier, "spec_path": "/A", "muted": True, "locked": True, "name": "x"}
+        taken = [name for name, one in inspect.signature(call).parameters.items()
+                 if one.default is inspect.Parameter.empty or name == "layer_identifier"]
+        for name, wrong in {"layer_identifier": NONE, "spec_path": "/None"}.items():
+            if name in taken and not call.__name__.startswith("_"):
+                yield call, {one: wrong if one == name else given[one] for one in taken}
+
+
+def test_a_call_of_kits_layers(tmp_path):
+    """It answers False, or sets the last error."""
+    scene, count = Scene(tmp_path), 0
+    for call, arguments in kit_calls(scene):
+        scene.layers.get_layers_state().is_layer_writable(scene.root.identifier)
+        assert scene.layers.get_last_error_type() == LayerErrorType.SUCCESS
+        answer, count = call(**arguments), count + 1
+        assert answer is False or scene.layers.get_last_error_type() != LayerErrorType.SUCCESS, (call, arguments, answer)
+        assert not answer or call.__name__ == "get_layer_name"
+    assert count > 25
 
 
 def test_a_mute_of_a_layer_that_left_the_project_can_be_removed(serve, project):

@@ -16,7 +16,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 BUILD = pathlib.Path(os.environ["USDLIVE_BUILD"])
 PLUGINS = BUILD / "usd-plugins"
 GENERATOR = ROOT / "plugins" / "schemaTools" / "generateSchema.py"
-OWN = ["usdliveSession", "usdliveSource"]
+OWN = ["usdliveSession", "usdliveSource", "usdliveMuseum"]
 
 
 def fresh(code, *plugins, arguments=()):
@@ -280,7 +280,7 @@ def test_importing_usdlive_registers_the_plug_ins():
             " usdlive.plugins.register())")
     for path in ({}, {"PXR_PLUGINPATH_NAME": str(PLUGINS)}):
         ran = subprocess.run([sys.executable, "-c", code], text=True, capture_output=True, env={**os.environ, **path})
-        assert (ran.stdout, ran.stderr) == ("[1, 1] True []\n", "")
+        assert (ran.stdout, ran.stderr) == ("[1, 1, 1] True []\n", "")
     named = subprocess.run([sys.executable, "-m", "usdlive.plugins"], text=True, capture_output=True, check=True)
     assert output(STOCK, named.stdout.strip()) == "as expected\n" and named.stderr == ""
 

@@ -103,11 +103,16 @@ SpecsLocking::Unlocked SpecsLocking::unlockSpec(const SdfPath& path, bool hierar
         return {{},
                 LayerError{LayerErrorType::InvalidParam,
                            "'" + path.GetString() + "' is not the path of a spec"}};
-    return unlock([&](const SdfPath& lock) {
+    auto result = unlock([&](const SdfPath& lock) {
         if (lock == path) return true;
         if (hierarchy) return lock.HasPrefix(path);
         return lock.IsPropertyPath() && lock.GetPrimPath() == path;
     });
+    // A lock can outlive its spec.
+    if (result.specs.empty() && !result.refused)
+        if (const auto specs = specsOf(context_.host, path, false); !specs)
+            result.refused = specs.error();
+    return result;
 }
 
 // Skips the locks of others, because one of them would make the server refuse the whole edit.

@@ -40,7 +40,7 @@ public:
         /// and this names their holder.
         std::optional<LayerError> refused;
     };
-    /// Can also unlock specs that are not on the stage.
+    /// Can also unlock specs that are not on the stage; a path without spec and lock is refused.
     Unlocked unlockSpec(const pxr::SdfPath& path, bool hierarchy);
     Unlocked unlockAllSpecs();
     [[nodiscard]] Paths allLockedSpecs() const;
