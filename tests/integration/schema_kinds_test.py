@@ -9,7 +9,7 @@ import runpy
 import subprocess
 
 import pytest
-from pxr import Plug, Sdf, Usd
+from pxr import Plug, Sdf, Tf, Usd
 
 BUILD = pathlib.Path(os.environ["USDLIVE_BUILD"])
 LIBRARY = BUILD / "test-plugins" / "studioKinds"
@@ -22,7 +22,7 @@ CLASSES = {
     "PlugAPI": ("KindsPlugAPI", "kinds:plug:a:number"), "KindsMarkAPI": ("KindsMarkAPI", None),
     "KindsTypesAPI": ("KindsTypesAPI", None)}
 KIND = Usd.SchemaKind
-VERBS = ["valid", "add", "remove", "set", "get", "text", "link"]
+VERBS = ["valid", "add", "remove", "set", "get", "text", "link", "opaque"]
 START = """#usda 1.0
 
 def "A"
@@ -106,6 +106,14 @@ class Reference:
             return "impossible"
         return "done" if self.prim.CreateRelationship("kinds:free:links", False).SetTargets([self.prim.GetPath()]) else "refused"
 
+    def opaque(self):
+        if self.identifier != "KindsTypesAPI":
+            return "impossible"
+        try:
+            return "done" if self.prim.GetAttribute("kinds:types:groupValue").Set(Sdf.OpaqueValue()) else "refused"
+        except Tf.ErrorException:
+            return "refused"
+
     def write(self, name, kind, value):
         if self.kind == KIND.NonAppliedAPI:
             uniform = name == "kinds:free:mode"
@@ -137,6 +145,10 @@ class Generated:
             return "done"
         if verb == "get" and hasattr(kind, "number"):
             return str(schema.number if schema.number is None else int(schema.number))
+        if verb == "opaque" and hasattr(kind, "group_value"):
+            with pytest.raises(Tf.ErrorException):
+                schema.group_value = Sdf.OpaqueValue()
+            return "refused"
         texts = {"plug": "on", "text": "new", "mode": "slow"}
         for member, value in {"set": {"number": 7}, "text": texts, "link": {"links": path}}.get(verb, {}).items():
             if hasattr(kind, member):
@@ -151,7 +163,7 @@ def script(seed, stage):
     choose, reference = random.Random(seed), Reference(stage)
     for _ in range(120):
         line = choose.choice(VERBS), choose.choice(list(CLASSES)), choose.choice(["/A", "/B", "/C", "/D"])
-        if line[0] in ("set", "get", "text") and reference.run("valid", *line[1:]) != "true":
+        if line[0] in ("set", "get", "text", "opaque") and reference.run("valid", *line[1:]) != "true":
             continue
         yield line, reference.run(*line)
     for name in CLASSES:

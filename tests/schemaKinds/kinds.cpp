@@ -57,6 +57,10 @@ std::string run(const std::string& verb, stage::Stage& stage, const SdfPath& pat
         if constexpr (requires { schema.setText("new"); }) return said(schema.setText("new"));
         if constexpr (requires { schema.setMode(pxr::TfToken("slow")); })
             return said(schema.setMode(pxr::TfToken("slow")));
+    } else if (verb == "opaque") {
+        const pxr::SdfOpaqueValue value;
+        if constexpr (requires { schema.setGroupValue(value); })
+            return said(schema.setGroupValue(value));
     } else if (verb == "link") {
         if constexpr (requires { schema.setLinks({path}); }) return said(schema.setLinks({path}));
     }

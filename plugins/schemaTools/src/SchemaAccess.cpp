@@ -3,6 +3,7 @@
 
 #include <pxr/usd/sdf/attributeSpec.h>
 #include <pxr/usd/sdf/changeBlock.h>
+#include <pxr/usd/sdf/opaqueValue.h>
 #include <pxr/usd/sdf/primSpec.h>
 #include <pxr/usd/sdf/relationshipSpec.h>
 
@@ -98,6 +99,9 @@ Result<void> SchemaAccess::set(const char* name, const pxr::VtValue& value,
                                std::optional<double> time) const {
     const auto target = targetOf(prim_, identifier_, TfToken(name), propertyName(name));
     if (!target) return tl::unexpected(target.error());
+    if (value.IsHolding<pxr::SdfOpaqueValue>())
+        return fail(ErrorCode::InvalidArgument,
+                    "'" + target->name.GetString() + "' is opaque and has no values");
     const usd::TfComplaints complaints;
     const pxr::SdfChangeBlock block;
     const auto layer = target->prim->GetLayer();
