@@ -279,7 +279,7 @@ void DepthGuard::follow(std::vector<Wanted> wave, Opened& opened) {
         TF_PY_ALLOW_THREADS_IN_SCOPE();
         // A context is bound to a thread.
         const auto context = pxr::ArGetResolver().GetCurrentContext();
-        pxr::WorkParallelForN(found.size(), [&](std::size_t begin, std::size_t end) {
+        const auto look = [&](std::size_t begin, std::size_t end) {
             const pxr::ArResolverContextBinder binder(context);
             for (std::size_t i = begin; i < end; ++i) {
                 auto& one = found[i];
@@ -295,7 +295,12 @@ void DepthGuard::follow(std::vector<Wanted> wave, Opened& opened) {
                 one.isNew = one.layer && (known == checked_.end() || (one.local && !known->second));
                 if (one.isNew) one.scan = scan(*one.layer, SdfPath::AbsoluteRootPath(), payloads_);
             }
-        });
+        };
+        // Layers that are open already are found at once.
+        if (layers_ == Layers::FindOnly)
+            look(0, found.size());
+        else
+            pxr::WorkParallelForN(found.size(), look);
         wave.clear();
         for (auto& one : found) {
             if (!one.problem.empty()) texts_[one.identifier] = one.problem;
