@@ -4,6 +4,7 @@
 #include <pxr/base/ts/spline.h>
 #include <pxr/base/vt/array.h>
 #include <pxr/base/vt/dictionary.h>
+#include <pxr/usd/sdf/assetPath.h>
 #include <pxr/usd/sdf/listOp.h>
 #include <pxr/usd/sdf/payload.h>
 #include <pxr/usd/sdf/reference.h>
@@ -43,6 +44,23 @@ VtValue mappedArcs(pxr::SdfListOp<Arc> arcs, const SdfLayerOffset& times) {
         return std::optional<Arc>(result);
     });
     return VtValue::Take(arcs);
+}
+
+template <class Arc>
+bool hasAssetPath(const pxr::SdfListOp<Arc>& arcs) {
+    bool found = false;
+    for (const auto type :
+         {pxr::SdfListOpTypeExplicit, pxr::SdfListOpTypeAdded, pxr::SdfListOpTypePrepended,
+          pxr::SdfListOpTypeAppended, pxr::SdfListOpTypeDeleted, pxr::SdfListOpTypeOrdered})
+        for (const Arc& arc : arcs.GetItems(type)) found = found || !arc.GetAssetPath().empty();
+    return found;
+}
+
+// Looks at one sample, because all have the attribute's type.
+bool hasAssetPath(const pxr::SdfTimeSampleMap& samples) {
+    for (const auto& [time, value] : samples)
+        if (!value.IsHolding<pxr::SdfValueBlock>()) return content::hasAssetPath(value);
+    return false;
 }
 
 VtValue mappedSpline(pxr::TsSpline spline, const SdfLayerOffset& times) {
@@ -119,6 +137,18 @@ VtValue mapped(const VtValue& value, const SdfLayerOffset& times) {
     if (value.IsHolding<pxr::TsSpline>())
         return mappedSpline(value.UncheckedGet<pxr::TsSpline>(), times);
     return value;
+}
+
+bool hasAssetPath(const VtValue& value) {
+    if (value.IsHolding<pxr::SdfAssetPath>() || value.IsHolding<pxr::VtArray<pxr::SdfAssetPath>>())
+        return true;
+    if (value.IsHolding<pxr::SdfTimeSampleMap>())
+        return hasAssetPath(value.UncheckedGet<pxr::SdfTimeSampleMap>());
+    if (value.IsHolding<pxr::SdfReferenceListOp>())
+        return hasAssetPath(value.UncheckedGet<pxr::SdfReferenceListOp>());
+    if (value.IsHolding<pxr::SdfPayloadListOp>())
+        return hasAssetPath(value.UncheckedGet<pxr::SdfPayloadListOp>());
+    return false;
 }
 
 VtValue composedListOp(const VtValue& stronger, const VtValue& weaker) {

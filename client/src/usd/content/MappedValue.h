@@ -11,6 +11,9 @@ namespace usdlive::content {
 /// dictionaries.
 [[nodiscard]] pxr::VtValue mapped(const pxr::VtValue& value, const pxr::SdfLayerOffset& times);
 
+/// Returns true if the value contains the path of an asset, which may be relative to its layer.
+[[nodiscard]] bool hasAssetPath(const pxr::VtValue& value);
+
 /// Returns a list op combined with a weaker one. Empty for other values.
 [[nodiscard]] pxr::VtValue composedListOp(const pxr::VtValue& stronger, const pxr::VtValue& weaker);
 [[nodiscard]] bool isListOp(const pxr::VtValue& value);

@@ -135,6 +135,8 @@ void AutoAuthoring::layerChanged(const SdfLayerHandle& layer, const pxr::SdfChan
 std::vector<RefusedEdit> AutoAuthoring::update(content::Recorder* recorder) {
     if (!delegate_ || suspended_) return {};
     if (recorder) recorder->forget(delegate_);
+    const auto revision = context_.stack.revision();
+    if (std::exchange(stackRevision_, revision) != revision) structureChanged_ = true;
     if (writes_->empty() && stale_.empty() && !structureChanged_) return {};
     const auto stale = std::exchange(stale_, {});
     const auto taken = writes_->take();
@@ -142,11 +144,12 @@ std::vector<RefusedEdit> AutoAuthoring::update(content::Recorder* recorder) {
     const SdfLayerHandle target = pxr::SdfLayer::Find(defaultLayer());
     Distribution distribution(context_.stack, delegate_, target, rules_, recorder);
     auto refused = distribution.distribute(taken);
-    for (const auto& [path, below] : stale) distribution.refresh(path, below);
     if (std::exchange(structureChanged_, false)) {
         const double rate = delegate_->GetTimeCodesPerSecond();
         delegate_->Clear();
         if (rate != delegate_->GetTimeCodesPerSecond()) delegate_->SetTimeCodesPerSecond(rate);
+    } else {
+        for (const auto& [path, below] : stale) distribution.refresh(path, below);
     }
     return refused;
 }

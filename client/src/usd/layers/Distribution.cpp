@@ -12,6 +12,8 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <ranges>
+#include <utility>
 
 #include "usd/content/MappedValue.h"
 #include "usd/content/SpecEdits.h"
@@ -50,6 +52,13 @@ struct LayerFields {
 const LayerFields& names() {
     static const LayerFields all;
     return all;
+}
+
+// Returns true for a value whose relative paths would have another meaning in the delegate, which
+// has no folder. It is not mirrored.
+bool belongsToItsLayer(const TfToken& field, const VtValue& value) {
+    static const TfToken clips("clips");
+    return field == clips || content::hasAssetPath(value);
 }
 
 // Default, samples and spline are one register, the attribute's value.
@@ -128,8 +137,10 @@ std::vector<RefusedEdit> Distribution::distribute(const DelegateWrites::Taken& t
     for (const auto& spec : taken.specs) planSpec(spec);
     for (const auto& planned : plan_) carryOut(planned);
     for (const auto* spec : linked_) refresh(spec->path, false);
-    for (const auto& spec : taken.specs) keepBareOver(spec);
-    for (auto path = maybeEmpty_.rbegin(); path != maybeEmpty_.rend(); ++path) dropEmpty(*path);
+    dropEmpty();
+    for (const auto& spec : taken.specs) keepBare(spec);
+    for (const auto& spec : taken.specs) dropVariants(spec.path);
+    dropEmpty();
     return std::move(refused_);
 }
 
@@ -368,6 +379,8 @@ void Distribution::writeKey(const Planned& planned) {
     if (ensure(place, spec->path))
         place.target->layer->SetFieldDictValueByKey(place.path, field->name, key,
                                                     mapped(mine, place.target->toTarget));
+    if (belongsToItsLayer(field->name, mine))
+        delegate_->EraseFieldDictValueByKey(spec->path, field->name, key);
 }
 
 // Relocates are metadata of a layer. The namespace editor writes them to the edit target.
@@ -387,20 +400,24 @@ void Distribution::distributeRelocates() {
     delegate_->EraseField(root, field);
 }
 
-// Keeps an empty over from `stage.OverridePrim()`, unless it is only the ancestor of a spec that
-// was written elsewhere.
-void Distribution::keepBareOver(const Spec& spec) {
-    if (!spec.created || !spec.path.IsPrimPath() || !default_ || !delegate_->HasSpec(spec.path))
-        return;
-    if (hasOpinion(delegate_, spec.path, names().specifier) || !holdersOf(spec.path).empty())
-        return;
-    const auto prim = delegate_->GetPrimAtPath(spec.path);
-    if (!prim || !prim->GetNameChildren().empty() || !prim->GetProperties().empty()) return;
-    if (rules_.whyLocked(spec.path)) return;
-    if (default_->closed)
-        return refuse(spec.path, "", default_->layer->GetIdentifier(), *default_->closed);
+// Keeps an empty over from `stage.OverridePrim()`, and a property without a value, unless it is
+// only the ancestor of a spec that was written elsewhere.
+void Distribution::keepBare(const Spec& spec) {
+    if (!spec.created || !default_ || !delegate_->HasSpec(spec.path)) return;
+    if (!spec.path.IsPropertyPath() && !isBareOver(spec.path)) return;
+    if (!holdersOf(spec.path).empty() || rules_.whyLocked(spec.path)) return;
+    if (default_->closed) {
+        refuse(spec.path, "", default_->layer->GetIdentifier(), *default_->closed);
+        return removeSpec(delegate_, spec.path);
+    }
     record(default_->layer, spec.path);
     ensure({default_, spec.path, false}, spec.path);
+}
+
+bool Distribution::isBareOver(const SdfPath& path) const {
+    if (!path.IsPrimPath() || hasOpinion(delegate_, path, names().specifier)) return false;
+    const auto prim = delegate_->GetPrimAtPath(path);
+    return prim && prim->GetNameChildren().empty() && prim->GetProperties().empty();
 }
 
 // ------------------------------------------------------------------ the mirror
@@ -410,8 +427,11 @@ void Distribution::updateMirror(const Place& place, const SdfPath& path, const T
     const auto& layer = place.target->layer;
     if (place.path != path) {
         // The opinion would hide the other variants.
+        if (isListOp(delegate_->GetField(path, field))) setListOp(delegate_, path, field, {});
         delegate_->EraseField(path, field);
         maybeEmpty_.push_back(path);
+    } else if (belongsToItsLayer(field, delegate_->GetField(path, field))) {
+        delegate_->EraseField(path, field);
     } else if (field == names().value) {
         if (hidesDefault(layer, path)) delegate_->EraseField(path, field);
     } else if (field == names().samples || field == names().spline) {
@@ -453,7 +473,10 @@ void Distribution::refreshField(const SdfPath& path, const TfToken& field, const
     const bool required =
         field == names().specifier || (path.IsPropertyPath() && isRequiredOfProperties(field));
     if (!winner || !winner->layer->HasField(path, field)) {
-        if (!required) delegate_->EraseField(path, field);
+        if (field == names().specifier)
+            delegate_->SetField(path, field, pxr::SdfSpecifierOver);
+        else if (!required)
+            delegate_->EraseField(path, field);
         return;
     }
     const bool tooMuch = field == names().samples &&
@@ -461,7 +484,9 @@ void Distribution::refreshField(const SdfPath& path, const TfToken& field, const
     if (tooMuch || (field == names().value && hidesDefault(winner->layer, path)))
         return delegate_->EraseField(path, field);
     const VtValue value = mapped(winner->layer->GetField(path, field), winner->toDelegate);
-    if (isListOp(value))
+    if (belongsToItsLayer(field, value))
+        delegate_->EraseField(path, field);
+    else if (isListOp(value))
         setListOp(delegate_, path, field, value);
     else
         delegate_->SetField(path, field, value);
@@ -476,6 +501,7 @@ void Distribution::refreshKeys(const SdfPath& path, const TfToken& field, const 
             if (!target->layer->HasFieldDictKey(path, field, key)) continue;
             value =
                 mapped(target->layer->GetFieldDictValueByKey(path, field, key), target->toDelegate);
+            if (belongsToItsLayer(field, value)) value = VtValue();
             break;
         }
         delegate_->SetFieldDictValueByKey(path, field, key, value);
@@ -505,11 +531,29 @@ void Distribution::takeBack(const Spec& spec, const Field& field) {
     const Holders all = holdersOf(spec.path);
     const bool required = field.name == names().specifier ||
                           (spec.path.IsPropertyPath() && isRequiredOfProperties(field.name));
-    if (field.existed)
+    if (field.existed || required)
         refreshField(spec.path, field.name, all);
-    else if (!required)
+    else
         delegate_->EraseField(spec.path, field.name);
     if (spec.created) maybeEmpty_.push_back(spec.path);
+}
+
+// Removes what was written in the context of a variant. A mirror of it would stay when the variant
+// or its set is removed from the layers.
+void Distribution::dropVariants(const SdfPath& path) {
+    SdfPath outermost;
+    for (SdfPath at = path; at.ContainsPrimVariantSelection(); at = at.GetParentPath())
+        if (at.IsPrimVariantSelectionPath()) outermost = at;
+    if (outermost.IsEmpty()) return;
+    const SdfPath prim = outermost.GetParentPath();
+    const auto set = prim.AppendVariantSelection(outermost.GetVariantSelection().first, "");
+    if (!delegate_->HasSpec(set)) return;
+    removeSpec(delegate_, set);
+    maybeEmpty_.push_back(prim);
+}
+
+void Distribution::dropEmpty() {
+    for (const auto& path : std::exchange(maybeEmpty_, {}) | std::views::reverse) dropEmpty(path);
 }
 
 void Distribution::dropEmpty(const SdfPath& path) {

@@ -85,7 +85,8 @@ private:
     void refuseLocked(const Spec& spec, const LayerError& why);
     void distributeRelocates();
     void planLinks(const Spec& spec, const std::vector<pxr::SdfLayerHandle>& links);
-    void keepBareOver(const Spec& spec);
+    void keepBare(const Spec& spec);
+    [[nodiscard]] bool isBareOver(const pxr::SdfPath& path) const;
 
     [[nodiscard]] Holders holdersOf(const pxr::SdfPath& path) const;
     [[nodiscard]] std::optional<Place> strongest(const pxr::SdfPath& path,
@@ -112,6 +113,8 @@ private:
     void refuse(const pxr::SdfPath& path, const std::string& field, const std::string& layer,
                 const LayerError& why);
     void takeBack(const Spec& spec, const Field& field);
+    void dropVariants(const pxr::SdfPath& path);
+    void dropEmpty();
     void dropEmpty(const pxr::SdfPath& path);
 
     LocalStack& stack_;

@@ -79,6 +79,8 @@ double LocalStack::timeCodesPerSecond() {
     return composition().localLayers().GetTimeCodesPerSecond();
 }
 
+std::uint64_t LocalStack::revision() { return composition().localRevision(); }
+
 std::vector<LocalStack::Site> LocalStack::sites(const SdfPath& prim) {
     std::vector<Site> sites;
     const auto* index = composition().primIndex(prim);

@@ -5,6 +5,7 @@
 #include <pxr/usd/sdf/layer.h>
 #include <pxr/usd/sdf/layerOffset.h>
 
+#include <cstdint>
 #include <memory>
 #include <optional>
 #include <string>
@@ -40,6 +41,8 @@ public:
     /// Finds the layer by its identifier, or by a path as the root layer would write it.
     [[nodiscard]] LayerResult<Layer> named(const std::string& identifier);
     [[nodiscard]] double timeCodesPerSecond();
+    /// Changes with layers(): by mutes, sublayers, their offsets and expressions.
+    [[nodiscard]] std::uint64_t revision();
 
     /// A place with opinions about the composed prim.
     struct Site {

@@ -4,6 +4,7 @@
 #include <pxr/usd/sdf/changeList.h>
 #include <pxr/usd/sdf/layer.h>
 
+#include <cstdint>
 #include <map>
 #include <memory>
 #include <string>
@@ -68,6 +69,7 @@ private:
     std::map<pxr::SdfPath, bool> stale_;  // changed elsewhere; true: including everything below
     bool suspended_ = false;
     bool structureChanged_ = false;
+    std::uint64_t stackRevision_ = 0;
 };
 
 }  // namespace usdlive::layers
