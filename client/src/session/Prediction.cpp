@@ -50,6 +50,28 @@ void collectBlobs(const EditAction& action, std::vector<Value>& blobs) {
     forEachBlob(action, [&](const Value& blob) { blobs.push_back(blob); });
 }
 
+void Prediction::Moves::add(std::string from, std::string to) {
+    byTarget_.emplace(to, moves_.size());
+    moves_.emplace_back(std::move(from), std::move(to));
+}
+
+std::string Prediction::Moves::undone(std::string path) const {
+    for (auto last = lastTo(path, moves_.size()); last; last = lastTo(path, *last))
+        path = specpath::replacePrefix(path, moves_[*last].second, moves_[*last].first);
+    return path;
+}
+
+// Returns the number of the last move before `end` that moved the spec at `path` or an ancestor.
+std::optional<std::size_t> Prediction::Moves::lastTo(std::string path, std::size_t end) const {
+    std::optional<std::size_t> last;
+    for (; path.size() > 1; path = specpath::parent(path)) {
+        const auto next = byTarget_.lower_bound({path, end});
+        if (next != byTarget_.begin() && std::prev(next)->first == path)
+            last = std::max(last, std::optional(std::prev(next)->second));
+    }
+    return last;
+}
+
 std::size_t Prediction::fieldsNoted() const {
     std::size_t noted = 0;
     for (const auto& [layer, notes] : notes_) noted += notes.fields.size();
@@ -170,7 +192,7 @@ void Prediction::note(const Edit& executed, const LayerDoc::Applied& applied,
         std::string to = destination(path, *move);
         prognosis.touched.push_back({executed.layer, to});
         notes.structural.push_back(to);
-        moves_.push_back({executed.layer, path, std::move(to)});
+        notes.moves.add(path, std::move(to));
     }
 }
 
@@ -224,18 +246,17 @@ Result<Address> Prediction::address(const LayerId& layer, const LayerDoc& doc,
     if (ids.size() != elements->size() + 1)
         return fail(ErrorCode::SpecNotFound, "no spec at " + std::string(path));
 
-    if (const auto notes = notes_.find(layer); notes != notes_.end())
+    const auto notes = notes_.find(layer);
+    if (notes != notes_.end())
         if (const auto own = notes->second.created.find(ids.back());
             own != notes->second.created.end())
             return Address{{}, own->second};
     if (ids.back() >= kFirstPreviewed)
         return fail(ErrorCode::SpecNotFound,
                     "the spec " + std::string(path) + " is only another's preview so far");
-    std::string confirmed(path);
-    for (auto move = moves_.rbegin(); move != moves_.rend(); ++move)
-        if (move->layer == layer && specpath::hasPrefix(confirmed, move->to))
-            confirmed = specpath::replacePrefix(confirmed, move->to, move->from);
-    return Address{std::move(confirmed), {}};
+    return Address{
+        notes == notes_.end() ? std::string(path) : notes->second.moves.undone(std::string(path)),
+        {}};
 }
 
 // The address of a spec that an edit is to create: its parent's address and its name.

@@ -3,6 +3,7 @@
 
 #include <functional>
 #include <optional>
+#include <set>
 #include <string>
 #include <unordered_map>
 #include <utility>
@@ -105,15 +106,25 @@ public:
     [[nodiscard]] bool previewsChangeNames() const { return previewsChangeNames_; }
 
 private:
-    struct Move {
-        LayerId layer;
-        std::string from, to;
+    // The moves of a layer, in order.
+    class Moves {
+    public:
+        void add(std::string from, std::string to);
+        // Returns the path that the spec at `path` had before all moves.
+        [[nodiscard]] std::string undone(std::string path) const;
+
+    private:
+        [[nodiscard]] std::optional<std::size_t> lastTo(std::string path, std::size_t end) const;
+
+        std::vector<std::pair<std::string, std::string>> moves_;
+        std::set<std::pair<std::string, std::size_t>> byTarget_;  // with numbers of moves
     };
     struct LayerNotes {
         std::unordered_map<NodeId, Creation> created;  // own ones; others are of previews
         // By path, NUL, field: the last own transaction that wrote the whole field; 0: none.
         std::unordered_map<std::string, std::uint64_t> fields;
         std::vector<std::string> structural;  // created, deleted, moved from and to
+        Moves moves;
     };
 
     LayerDoc* open(const LayerId& layer);
@@ -130,7 +141,6 @@ private:
     std::unordered_map<LayerId, Revision> openedAt_;
     NamespaceLog names_;
     OwnCreations creations_;
-    std::vector<Move> moves_;
     std::unordered_map<LayerId, LayerNotes> notes_;
     bool previewsChangeNames_ = false;
 };

@@ -435,7 +435,6 @@ void Client::Impl::apply(const LayerId& id, const std::string& path, const EditA
     LiveLayer* const live = layers_.find(id);
     if (!live) return;
     live->apply(path, action);
-    if (!std::holds_alternative<PlaceSpec>(action)) return;
     if (advancing_)
         unplaced_.insert(id);
     else

@@ -76,11 +76,11 @@ void LiveLayer::noteUses() {
     surroundings_.wake();
 }
 
-// Precondition: the layer has the content of the edit.
-void LiveLayer::noteNames(std::string_view path, const EditAction& action) {
+// The layer has the content of the edit after the next place().
+void LiveLayer::noteNames(const std::string& path, const EditAction& action) {
     const auto* set = std::get_if<SetField>(&action);
     if (set && (usd::namesLayers(set->field) || usd::namesClips(set->field)))
-        noteNamed(path, pxr::TfToken(set->field));
+        naming_.emplace(path, set->field);
 }
 
 void LiveLayer::noteNamed(std::string_view path, const pxr::TfToken& field) {
@@ -174,10 +174,13 @@ void LiveLayer::applyNow(const std::string& path, const EditAction& action) {
 
 void LiveLayer::place() {
     if (store_) store_->place();
+    for (const auto& [path, field] : std::exchange(naming_, {}))
+        noteNamed(path, pxr::TfToken(field));
 }
 
 void LiveLayer::applyApart() {
     for (const EditAction& edit : apart_.next()) write("/", edit);
+    place();
 }
 
 void LiveLayer::write(const std::string& path, const EditAction& action) {
@@ -229,6 +232,7 @@ Capture::Sealed LiveLayer::seal() {
     Capture::Sealed sealed;
     if (hasWrites()) sealed = capture_.seal(*store_, surroundings_.sink);
     for (const auto& edit : sealed.edits) noteNames(edit.path, edit.action);
+    place();
     if (std::exchange(reloadedWritten_, false))
         sealed.lost.push_back(
             {"/",

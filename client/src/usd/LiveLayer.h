@@ -9,6 +9,7 @@
 #include <functional>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -73,10 +74,11 @@ public:
     void arrived(const LayerDoc& snapshot);
     /// Replaces all content. Edits of apply() wait until it is built.
     void reset(const LayerDoc& doc);
-    /// Edits of `expressionVariables` and `subLayers` wait for applyApart(), and the order of
-    /// children for place().
+    /// Edits of `expressionVariables` and `subLayers` wait for applyApart(). The others are
+    /// complete after place().
     void apply(const std::string& path, const EditAction& action);
-    /// Gives children their order. Call it in the change block of apply().
+    /// Writes lists of children and dictionaries that have changed. Call it in the change block of
+    /// apply().
     void place();
     /// Returns whether edits wait for applyApart().
     [[nodiscard]] bool hasApart() const { return !apart_.isEmpty(); }
@@ -132,7 +134,7 @@ private:
     void startOver();
     void reloaded();
     void noteUses();
-    void noteNames(std::string_view path, const EditAction& action);
+    void noteNames(const std::string& path, const EditAction& action);
     void noteNamed(std::string_view path, const pxr::TfToken& field);
     [[nodiscard]] Capture::Sealed sealMuted();
     [[nodiscard]] std::unique_ptr<BackgroundFill> newFill();
@@ -165,6 +167,8 @@ private:
     bool reloadedWritten_ = false;     // it was reloaded then; not reported yet
     bool writtenBeforeMuted_ = false;  // written before the mute, and not sealed yet
     std::vector<std::pair<std::string, std::string>> takenOut_;  // paths and fields
+    // Paths and fields with other names of layers or clips since the last place().
+    std::set<std::pair<std::string, std::string>> naming_;
     bool usesChanged_ = false;
     bool namesLayers_ = false;
     bool namesClips_ = false;

@@ -41,18 +41,11 @@ private:
     std::unordered_map<Hash, SharedBytes> kept_;
 };
 
-// Returns true if Sdf can take the key path as one token, with keys joined by ':'.
-bool isJoinable(const std::vector<std::string>& keys) {
-    return std::ranges::none_of(keys, [](const std::string& key) {
-        return key.empty() || key.find(':') != std::string::npos ||
-               key.find('\0') != std::string::npos;
-    });
-}
-
-TfToken joined(const std::vector<std::string>& keys) {
-    std::string path;
-    for (const auto& key : keys) path += (path.empty() ? "" : ":") + key;
-    return TfToken(path);
+bool isOfKey(const EditAction& action) {
+    const auto* set = std::get_if<SetField>(&action);
+    const auto* erase = std::get_if<EraseField>(&action);
+    return (set && std::holds_alternative<DictionaryKey>(set->part)) ||
+           (erase && std::holds_alternative<DictionaryKey>(erase->part));
 }
 
 }  // namespace
@@ -77,17 +70,16 @@ public:
         // Creates the spec inert, as Sdf's own functions do. Its fields define the prim, and Sdf
         // sends a notice for each of them.
         delegate_.CreateSpec(path_, pxr::SdfSpecType(create.kind), true);
-        append(parent, list(), path_.GetNameToken());
+        delegate_.append(parent, list(), path_.GetNameToken());
         return {};
     }
 
     Result<void> operator()(const DeleteSpec&) {
         if (elements_.empty()) return rootStays();
         if (!delegate_.kind(path_)) return noSpec(text_);
-        const SdfPath parent = parentOf(path_);
-        delegate_.place();
+        delegate_.placeBelow(path_);
         delegate_.deleteBelow(path_);
-        remove(parent, list(), nameOf(elements_));
+        delegate_.changing(parentOf(path_), list()).remove(nameOf(elements_));
         return {};
     }
 
@@ -113,7 +105,7 @@ public:
         if (!delegate_.kind(path_)) return noSpec(text_);
         const TfToken name = nameOf(elements_);
         if (place.before != name.GetString())
-            delegate_.placeLater(parentOf(path_), list(), name, TfToken(place.before));
+            delegate_.changing(parentOf(path_), list()).place(name, TfToken(place.before));
         return {};
     }
 
@@ -164,21 +156,6 @@ private:
                            names.empty() ? VtValue() : VtValue::Take(names));
     }
 
-    void append(const SdfPath& parent, ChildList list, const TfToken& name) {
-        delegate_.added.insert(childOf(parent, list, name));
-        delegate_.appended(parent, list, name);
-        if (delegate_.data().Has(parent, childrenField(list)))
-            delegate_.PushChild(parent, childrenField(list), name);
-        else
-            setChildren(parent, list, {name});
-    }
-
-    void remove(const SdfPath& parent, ChildList list, const TfToken& name) {
-        auto names = children(parent, list);
-        std::erase(names, name);
-        setChildren(parent, list, std::move(names));
-    }
-
     // ---- moving
 
     // Returns true if the path grammar allows a child of this list below `parent`.
@@ -203,7 +180,7 @@ private:
         if (to == path_) return {};
         if (delegate_.kind(to))
             return fail(ErrorCode::SpecExists, "there is a spec at " + inQuotes(target));
-        delegate_.place();
+        delegate_.placeBelow(path_);
         if (sameParent)
             rename(to, parent, name);
         else
@@ -212,8 +189,6 @@ private:
     }
 
     void rename(const SdfPath& to, const SdfPath& parent, const TfToken& name) {
-        auto names = children(parent, list());
-        std::ranges::replace(names, nameOf(elements_), name);
         // If another prim left that name in the same change block, Pcp (26.8) mistakes this rename
         // for that prim's. The stage then keeps a prim without a prim index, and using it crashes.
         // Creating and deleting a prim there makes Sdf report it, and the stage composes the name
@@ -224,13 +199,13 @@ private:
         }
         moveSpecs(to);
         delegate_.added.insert(to);
-        setChildren(parent, list(), std::move(names));
+        delegate_.changing(parent, list()).rename(nameOf(elements_), name);
     }
 
     void reparent(const SdfPath& to, const SdfPath& parent, const TfToken& name) {
-        remove(parentOf(path_), list(), nameOf(elements_));
+        delegate_.changing(parentOf(path_), list()).remove(nameOf(elements_));
         moveSpecs(to);
-        append(parent, list(), name);
+        delegate_.append(parent, list(), name);
     }
 
     // Sdf moves the specs below by path prefix, but the path of a variant set is no prefix of its
@@ -261,44 +236,19 @@ private:
 
     // ---- parts of fields
 
-    [[nodiscard]] std::optional<pxr::VtDictionary> dictionary(const TfToken& field) const {
-        VtValue value;
-        if (!delegate_.data().Has(path_, field, &value)) return pxr::VtDictionary();
-        // The field was read from a file of another program, and no plug-in declares it here.
-        if (value.IsHolding<pxr::SdfUnregisteredValue>()) {
-            value = VtValue(value.UncheckedGet<pxr::SdfUnregisteredValue>().GetValue());
-            if (value.IsHolding<pxr::VtDictionary>()) delegate_.SetField(path_, field, value);
-        }
-        if (!value.IsHolding<pxr::VtDictionary>()) return std::nullopt;
-        return value.UncheckedGet<pxr::VtDictionary>();
-    }
-
     Result<void> setKey(const TfToken& field, const std::vector<std::string>& keys,
                         const SetField& set) {
         if (auto proper = checkType(path_, field, typeid(pxr::VtDictionary)); !proper)
             return proper;
         auto value = decodeValue(TfToken(), set.value, delegate_.blobs);
         if (!value) return orWait(field, set.value, value.error());
-        const auto present = dictionary(field);
-        if (present && isJoinable(keys)) {
-            delegate_.SetFieldDictValueByKey(path_, field, joined(keys), *value);
-            return {};
-        }
-        auto changed = present.value_or(pxr::VtDictionary());
-        changed.SetValueAtPath(keys, *value);
-        delegate_.SetField(path_, field, VtValue::Take(changed));
+        delegate_.changing(path_, field).SetValueAtPath(keys, *value);
         return {};
     }
 
     Result<void> eraseKey(const TfToken& field, const std::vector<std::string>& keys) {
-        auto present = dictionary(field);
-        if (!present || !present->GetValueAtPath(keys)) return {};
-        if (isJoinable(keys)) {
-            delegate_.SetFieldDictValueByKey(path_, field, joined(keys), VtValue());
-            return {};
-        }
-        present->EraseValueAtPath(keys);
-        delegate_.SetField(path_, field, present->empty() ? VtValue() : VtValue::Take(*present));
+        if (delegate_.hasKey(path_, field, keys))
+            delegate_.changing(path_, field).EraseValueAtPath(keys);
         return {};
     }
 
@@ -406,6 +356,7 @@ Result<void> SdfLayerStore::applyUnplaced(std::string_view path, const EditActio
     if (!elements) return tl::unexpected(elements.error());
     const pxr::SdfChangeBlock block;
     const Delegate::Applying applying(*delegate_);
+    if (!isOfKey(action)) delegate_->writeKeys();
     return std::visit(Applier(*delegate_, path, *elements), action);
 }
 

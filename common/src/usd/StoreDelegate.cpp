@@ -7,12 +7,23 @@
 #include <pxr/usd/sdf/schema.h>
 
 #include <algorithm>
-#include <list>
 #include <unordered_set>
 
 #include "usdlive/common/usd/NamedAssets.h"
 
 namespace usdlive::usd {
+
+namespace {
+
+// Returns the dictionary that a field holds, or an empty one.
+pxr::VtDictionary dictionaryIn(pxr::VtValue value) {
+    // The field was read from a file of another program, and no plug-in declares it here.
+    if (value.IsHolding<pxr::SdfUnregisteredValue>())
+        value = pxr::VtValue(value.UncheckedGet<pxr::SdfUnregisteredValue>().GetValue());
+    return value.GetWithDefault<pxr::VtDictionary>();
+}
+
+}  // namespace
 
 // ------------------------------------------------------------------ waiting fields
 
@@ -71,6 +82,30 @@ pxr::SdfPath RecentPaths::operator()(std::string_view path) {
     }
     const PathElement last = specpath::last(path);
     return childOf(parent_, last.list, tokens_(last.name));
+}
+
+// ------------------------------------------------------------------ orders of children
+
+ChildOrder::ChildOrder(const pxr::TfTokenVector& names) {
+    for (const auto& name : names) place(name, {});
+}
+
+void ChildOrder::place(const pxr::TfToken& name, const pxr::TfToken& before) {
+    const auto [own, isNew] = places_.try_emplace(name);
+    if (isNew) own->second = order_.insert(order_.end(), name);
+    const auto next = places_.find(before);
+    order_.splice(next == places_.end() ? order_.end() : next->second, order_, own->second);
+}
+
+void ChildOrder::remove(const pxr::TfToken& name) {
+    if (const auto place = places_.extract(name)) order_.erase(place.mapped());
+}
+
+void ChildOrder::rename(const pxr::TfToken& from, const pxr::TfToken& to) {
+    auto place = places_.extract(from);
+    if (!place) return;
+    *place.mapped() = place.key() = to;
+    places_.insert(std::move(place));
 }
 
 // ------------------------------------------------------------------ writing
@@ -148,43 +183,58 @@ void SdfLayerStore::Delegate::setChildren(const Path& parent, ChildList list,
     SetField(parent, field, names.empty() ? pxr::VtValue() : pxr::VtValue(names));
 }
 
-void SdfLayerStore::Delegate::placeLater(const Path& parent, ChildList list, const Token& name,
-                                         const Token& before) {
-    auto [found, isFirst] = placements_.try_emplace({parent, list});
-    auto& [present, moves] = found->second;
-    if (isFirst) present = data().GetAs<pxr::TfTokenVector>(parent, childrenField(list)).size();
-    moves.emplace_back(name, before);
+void SdfLayerStore::Delegate::append(const Path& parent, ChildList list, const Token& name) {
+    added.insert(childOf(parent, list, name));
+    const auto found = changing_.find({parent, list});
+    if (found != changing_.end()) return found->second.place(name, {});
+    const Token& field = childrenField(list);
+    if (data().Has(parent, field))
+        PushChild(parent, field, name);
+    else
+        SetField(parent, field, pxr::VtValue(pxr::TfTokenVector{name}));
 }
 
-void SdfLayerStore::Delegate::appended(const Path& parent, ChildList list, const Token& name) {
-    if (placements_.empty()) return;
-    const auto found = placements_.find({parent, list});
-    if (found != placements_.end()) found->second.moves.emplace_back(name, Token());
+ChildOrder& SdfLayerStore::Delegate::changing(const Path& parent, ChildList list) {
+    const auto found = changing_.find({parent, list});
+    if (found != changing_.end()) return found->second;
+    ChildOrder order(data().GetAs<pxr::TfTokenVector>(parent, childrenField(list)));
+    return changing_.emplace(ChildListOf(parent, list), std::move(order)).first->second;
+}
+
+pxr::VtDictionary& SdfLayerStore::Delegate::changing(const Path& path, const Token& field) {
+    if (!isChanging(path, field)) {
+        writeKeys();
+        dictionary_ = {path, field, dictionaryIn(data().Get(path, field))};
+    }
+    return dictionary_->content;
+}
+
+bool SdfLayerStore::Delegate::hasKey(const Path& path, const Token& field,
+                                     const std::vector<std::string>& keys) const {
+    if (isChanging(path, field)) return dictionary_->content.GetValueAtPath(keys);
+    return dictionaryIn(data().Get(path, field)).GetValueAtPath(keys);
+}
+
+void SdfLayerStore::Delegate::writeKeys() {
+    if (!dictionary_) return;
+    auto [path, field, content] = *std::exchange(dictionary_, std::nullopt);
+    SetField(path, field, content.empty() ? pxr::VtValue() : pxr::VtValue::Take(content));
 }
 
 void SdfLayerStore::Delegate::place() {
-    for (const auto& [where, placements] : std::exchange(placements_, {})) {
-        const auto& [parent, list] = where;
-        const auto names = data().GetAs<pxr::TfTokenVector>(parent, childrenField(list));
-        setChildren(parent, list, placements.order(names));
-    }
+    writeKeys();
+    for (const auto& [where, order] : std::exchange(changing_, {}))
+        setChildren(where.first, where.second, order.names());
 }
 
-// Names that were appended since come in when they are first placed.
-pxr::TfTokenVector SdfLayerStore::Delegate::Placements::order(
-    const pxr::TfTokenVector& names) const {
-    std::list<Token> order;
-    std::unordered_map<Token, std::list<Token>::iterator, Token::HashFunctor> places;
-    const auto append = [&](const Token& name) { return order.insert(order.end(), name); };
-    for (std::size_t i = 0; i < std::min(present, names.size()); ++i)
-        places.emplace(names[i], append(names[i]));
-    for (const auto& [name, before] : moves) {
-        const auto [own, isNew] = places.try_emplace(name);
-        if (isNew) own->second = append(name);
-        const auto target = places.find(before);
-        order.splice(target == places.end() ? order.end() : target->second, order, own->second);
+void SdfLayerStore::Delegate::placeBelow(const Path& path) {
+    auto changed = changing_.lower_bound({path, ChildList()});
+    while (changed != changing_.end() &&
+           specpath::hasPrefix(changed->first.first.GetString(), path.GetString())) {
+        const auto [where, order] = std::move(*changed);
+        changed = changing_.erase(changed);
+        setChildren(where.first, where.second, order.names());
     }
-    return {order.begin(), order.end()};
 }
 
 Result<void> SdfLayerStore::Delegate::set(const Path& path, const Token& field,

@@ -1,12 +1,15 @@
 // The state delegate of a live layer.
 #pragma once
 
+#include <pxr/base/vt/dictionary.h>
 #include <pxr/base/vt/value.h>
 #include <pxr/usd/sdf/layer.h>
 #include <pxr/usd/sdf/layerStateDelegate.h>
 #include <pxr/usd/sdf/notice.h>
 
+#include <list>
 #include <map>
+#include <optional>
 #include <set>
 #include <thread>
 #include <unordered_map>
@@ -50,6 +53,23 @@ private:
     pxr::SdfPath parent_;
 };
 
+/// The order of a list of children while edits change it. Each change takes constant time.
+class ChildOrder {
+public:
+    explicit ChildOrder(const pxr::TfTokenVector& names);
+    ChildOrder(ChildOrder&&) = default;
+    /// Moves or adds a child before the child `before`, or to the end if there is none.
+    void place(const pxr::TfToken& name, const pxr::TfToken& before);
+    void remove(const pxr::TfToken& name);
+    void rename(const pxr::TfToken& from, const pxr::TfToken& to);
+    [[nodiscard]] pxr::TfTokenVector names() const { return {order_.begin(), order_.end()}; }
+
+private:
+    using Order = std::list<pxr::TfToken>;
+    Order order_;
+    std::unordered_map<pxr::TfToken, Order::iterator, pxr::TfToken::HashFunctor> places_;
+};
+
 /// The state delegate between a layer and all its writers.
 class SdfLayerStore::Delegate : public pxr::SdfSimpleLayerStateDelegate {
 public:
@@ -84,15 +104,21 @@ public:
     /// Writes the names of children. A stage composes the parent and everything below it again only
     /// if the order of children from before the change block has changed.
     void setChildren(const pxr::SdfPath& parent, ChildList list, const pxr::TfTokenVector& names);
-    /// Moves a child before the child `before`, or to the end if there is none, at the next
-    /// place().
-    void placeLater(const pxr::SdfPath& parent, ChildList list, const pxr::TfToken& name,
-                    const pxr::TfToken& before);
-    /// Notes that this child is about to be appended, which must come after earlier placements.
-    void appended(const pxr::SdfPath& parent, ChildList list, const pxr::TfToken& name);
-    /// Writes each list of children with placements once. Call it before children are deleted or
-    /// renamed.
+    /// Adds a child at the end of a list.
+    void append(const pxr::SdfPath& parent, ChildList list, const pxr::TfToken& name);
+    /// Returns the order of a list, which changes now. The next place() writes it.
+    ChildOrder& changing(const pxr::SdfPath& parent, ChildList list);
+    /// Returns the content of a dictionary, which changes now, or an empty one. Call writeKeys()
+    /// before an edit of anything but a key, because the next one may be of the same dictionary.
+    pxr::VtDictionary& changing(const pxr::SdfPath& path, const pxr::TfToken& field);
+    [[nodiscard]] bool hasKey(const pxr::SdfPath& path, const pxr::TfToken& field,
+                              const std::vector<std::string>& keys) const;
+    void writeKeys();
+    /// Writes each list of children and the dictionary that have changed, once.
     void place();
+    /// Writes the changed lists of a spec and of those below it. Call it before they are deleted or
+    /// moved.
+    void placeBelow(const pxr::SdfPath& path);
     /// Sets the field, or remembers it if a blob is missing.
     Result<void> set(const pxr::SdfPath& path, const pxr::TfToken& field, const FieldValue& value);
 
@@ -149,15 +175,18 @@ private:
     void renewTargets(const Path& path, const TargetFields& fields, const pxr::VtValue& value);
     void onLayerChanged(const pxr::SdfNotice::LayersDidChangeSentPerLayer&) { added.clear(); }
 
-    // The placements in one list of children since it had the first `present` of its names.
-    struct Placements {
-        std::size_t present;
-        std::vector<std::pair<Token, Token>> moves;  // name, before
+    using ChildListOf = std::pair<Path, ChildList>;
+    std::map<ChildListOf, ChildOrder> changing_;
+    [[nodiscard]] bool isChanging(const Path& path, const Token& field) const {
+        return dictionary_ && dictionary_->path == path && dictionary_->field == field;
+    }
 
-        [[nodiscard]] pxr::TfTokenVector order(const pxr::TfTokenVector& names) const;
+    struct ChangingDictionary {
+        Path path;
+        Token field;
+        pxr::VtDictionary content;
     };
-
-    std::map<std::pair<Path, ChildList>, Placements> placements_;
+    std::optional<ChangingDictionary> dictionary_;
     LayerWriteObserver* observer_;
     pxr::SdfLayerHandle layer_;
     pxr::TfNotice::Key changedKey_;

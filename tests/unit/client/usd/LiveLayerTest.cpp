@@ -81,6 +81,7 @@ protected:
         ASSERT_TRUE(view.apply(path, action));
         const pxr::SdfChangeBlock block;
         live.apply(path, action);
+        live.place();
     }
     void expectView() {
         for (int ms = 0; !live.isFilled() && ms < 60'000; ++ms) {

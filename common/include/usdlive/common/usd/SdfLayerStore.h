@@ -67,8 +67,9 @@ public:
     /// as it is until blobArrived(). Errors are those of LayerDoc::apply(), and InvalidPath or
     /// UnsupportedValue for content that this OpenUSD does not support. An error changes nothing.
     Result<void> apply(std::string_view path, const EditAction& action);
-    /// Like apply(), but a PlaceSpec may wait for place(), so that many of them in one list take
-    /// linear time. Call place() before the layer is used otherwise, in the same change block.
+    /// Like apply(), but changes of a list of children or of a dictionary may wait for place(), so
+    /// that many of them take linear time. Call place() before the layer is used otherwise, in the
+    /// same change block.
     Result<void> applyUnplaced(std::string_view path, const EditAction& action);
     void place();
 
