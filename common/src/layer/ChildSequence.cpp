@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <utility>
 
 #include "usdlive/common/layer/LayerDocNode.h"
 
@@ -14,6 +15,7 @@ namespace {
 constexpr std::size_t kSmall = 16;         // up to here names are searched one by one
 constexpr std::size_t kChunkEntries = 64;  // in a chunk of a long list
 constexpr std::size_t kShardEntries = 64;  // on average, before the shards are split
+constexpr unsigned kLeastSpread = 4;       // bits of the order numbers in the smallest range
 
 std::size_t hashOf(std::string_view name) { return std::hash<std::string_view>{}(name); }
 
@@ -134,6 +136,48 @@ struct ChildSequence::Large : Shared {
         }
         slots.insert(slots.begin() + static_cast<std::ptrdiff_t>(at) + 1, {from, upper});
         return order >= from ? at + 1 : at;
+    }
+
+    using Position = std::pair<std::size_t, std::size_t>;  // slot and index in its chunk
+
+    [[nodiscard]] std::vector<Position> positions(std::uint64_t from, std::uint64_t last) const {
+        std::vector<Position> found;
+        for (std::size_t slot = slotOf(from); slot < slots.size(); ++slot) {
+            const Chunk& chunk = *slots[slot].chunk;
+            for (auto entry = chunk.at(from); entry != chunk.entries.end(); ++entry) {
+                if (entry->order > last) return found;
+                found.emplace_back(slot, entry - chunk.entries.begin());
+            }
+        }
+        return found;
+    }
+
+    // Gives new order numbers to the entries around `order`, so that there is room between them.
+    // Takes the smallest aligned range of 2^n numbers with at most 2^(n/2) entries. So placing many
+    // entries at one place renumbers O(log size) entries for each (Bender et al., "Two Simplified
+    // Algorithms for Maintaining Order in a List").
+    void spread(std::uint64_t order) {
+        unsigned bits = kLeastSpread;
+        const auto from = [&] { return order >> bits << bits; };
+        const auto length = [&] { return std::uint64_t{1} << bits; };
+        auto spread = positions(from(), from() + length() - 1);
+        while (spread.size() > std::size_t{1} << (bits / 2)) {
+            ++bits;
+            spread = positions(from(), from() + length() - 1);
+        }
+        for (const auto& [slot, index] : spread) {
+            const ChildEntry& entry = slots[slot].chunk->entries[index];
+            dropName(entry.name, entry.order);
+        }
+        std::uint64_t next = from();
+        for (const auto& [slot, index] : spread) {
+            ChildEntry& entry = slots[slot].chunk.editable().entries[index];
+            entry.order = next += length() / (spread.size() + 1);
+            addName(entry.name, entry.order);
+        }
+        const std::size_t end = std::min(spread.back().first + 2, slots.size());
+        for (std::size_t slot = spread.front().first; slot < end; ++slot)
+            slots[slot].from = slots[slot].chunk->entries.front().order;
     }
 
     ChildEntry take(std::uint64_t order) {
@@ -326,7 +370,10 @@ ChildSequence::Placed ChildSequence::place(std::uint64_t order,
     const bool full = *before - low < 2;
     if (full) {
         const std::string successor = at(*before)->name;
-        renumber();
+        if (large_)
+            large_.editable().spread(*before);
+        else
+            renumber();
         before = find(successor)->order;
         low = predecessor();
     }

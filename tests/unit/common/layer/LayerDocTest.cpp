@@ -5,9 +5,11 @@
 
 #include <algorithm>
 #include <array>
+#include <ctime>
 #include <limits>
 #include <map>
 #include <numeric>
+#include <random>
 #include <thread>
 
 #include "MustApply.h"
@@ -280,6 +282,54 @@ TEST(LayerDoc, ED4RenumbersWhenThereIsNoGapLeft) {
         EXPECT_TRUE(std::is_sorted(orders.begin(), orders.end(), std::less_equal{}));
     }
     EXPECT_TRUE(renumbered);
+}
+
+// Places many specs at one place, which leaves no gap between the order numbers there.
+TEST(LayerDoc, ED4ManyPlacementsAtOnePlaceGiveTheSameOrderAsAList) {
+    for (unsigned seed = 0; seed < seedsOf(30); ++seed) {
+        SCOPED_TRACE(seed);
+        std::mt19937 random(seed);
+        const auto below = [&](std::size_t end) { return random() % end; };
+        LayerDoc doc;
+        Names names;
+        for (std::size_t i = 0, count = 1 + below(600); i < count; ++i) {
+            names.push_back("c" + std::to_string(i));
+            mustApply(doc, "/" + names.back(), CreateSpec{SpecKind::Prim});
+        }
+        const LayerDoc copy = doc;
+        const Names copied = names;
+        for (int run = 0; run < 8; ++run) {
+            std::string before = names[below(names.size())];
+            const bool moves = below(2);  // the next one comes before this one
+            for (std::size_t i = 0, count = below(300); i < count; ++i) {
+                const std::string name = names[below(names.size())];
+                if (name == before) continue;
+                mustApply(doc, "/" + name, PlaceSpec{before});
+                std::erase(names, name);
+                names.insert(std::ranges::find(names, before), name);
+                if (moves) before = name;
+            }
+            ASSERT_EQ(prims(doc), names);
+            for (const auto& name : names) ASSERT_TRUE(doc.has("/" + name)) << name;
+        }
+        EXPECT_EQ(prims(copy), copied);
+    }
+}
+
+TEST(LayerDoc, ED4ManyPlacementsAtOnePlaceTakeLinearTime) {
+    const auto cost = [](int count) {
+        LayerDoc doc;
+        const auto path = [](int i) { return "/c" + std::to_string(i); };
+        for (int i = 0; i < 2 * count; ++i) mustApply(doc, path(i), CreateSpec{SpecKind::Prim});
+        const auto start = std::clock();
+        for (int i = 1; i < count; ++i) mustApply(doc, path(i), PlaceSpec{"c0"});
+        for (int i = 1; i < count; ++i)
+            mustApply(doc, path(count + i), PlaceSpec{path(count + i - 1).substr(1)});
+        return double(std::clock() - start);
+    };
+    double ratio = 100;  // the best of some, because the machine may be busy
+    for (int i = 0; i < 5 && ratio > 2.5; ++i) ratio = std::min(ratio, cost(8'000) / cost(4'000));
+    EXPECT_LT(ratio, 2.5);
 }
 
 // ---- ED5, ED6: fields
