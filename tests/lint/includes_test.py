@@ -54,6 +54,7 @@ EDGES = {
         "tests/unit/client/usd",
         "tests/unit/server/files",
         "tests/contract",
+        "tests/examples/openusd",
         "tests/simulation",
         "tests/demo",
         "tests/edf",

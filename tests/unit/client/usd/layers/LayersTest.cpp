@@ -12,6 +12,8 @@
 #include "LayersFixture.h"
 #include "usd/stage/Composition.h"
 #include "usdlive/client/usd/Misuse.h"
+#include "usdlive/client/usd/layers/ComposedStageHost.h"
+#include "usdlive/client/usd/stage/Stage.h"
 
 namespace usdlive::layers {
 
@@ -133,6 +135,33 @@ TEST_F(LayersTest, AnotherThreadGetsAClearErrorAndChangesNothing) {
     EXPECT_TRUE(all.refusedEdits().empty());
     frame();
     EXPECT_EQ(get(weak, "/A.x"), 2) << "this thread continues";
+}
+
+TEST_F(LayersTest, AStageSharesItsMutesAndEditTargetWithItsLayers) {
+    set(weak, "/A.x", 1);
+    set(strong, "/A.y", 1);
+    stage::Stage stage(root, session);
+    Layers all(std::make_unique<ComposedStageHost>(stage), {.user = {"ada"}});
+    StageHost& shared = all.host();
+    EXPECT_EQ(shared.usedLayers().size(), 4U);
+    EXPECT_EQ(shared.childNames(pxr::SdfPath("/")), pxr::TfTokenVector{pxr::TfToken("A")});
+    EXPECT_EQ(shared.propertyNames(pxr::SdfPath("/A")).size(), 2U);
+
+    shared.muteAndUnmute({strong->GetIdentifier(), root->GetIdentifier()}, {});
+    EXPECT_EQ(stage.mutedLayers(), std::vector{strong->GetIdentifier()}) << "a root stays";
+    EXPECT_EQ(shared.propertyNames(pxr::SdfPath("/A")).size(), 1U);
+    stage.setMutedLayers({});
+    EXPECT_FALSE(all.state().isLayerMuted(strong->GetIdentifier()));
+
+    EXPECT_TRUE(shared.setEditTarget(weak));
+    EXPECT_EQ(stage.editTarget().layer(), pxr::SdfLayerHandle(weak));
+    EXPECT_FALSE(shared.setEditTarget(pxr::SdfLayer::CreateAnonymous()));
+    ASSERT_TRUE(all.setEditMode(LayerEditMode::AutoAuthoring));
+    all.update(0);
+    set(shared.editTarget(), "/A.x", 2);
+    all.update(1);
+    EXPECT_EQ(get(weak, "/A.x"), 2);
+    EXPECT_EQ(stage.property(pxr::SdfPath("/A.x")).value(), pxr::VtValue(2.0));
 }
 
 TEST(LayersWithoutSession, HaveNoPlaceForTheDelegate) {
