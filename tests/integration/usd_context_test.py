@@ -1202,6 +1202,28 @@ def test_live_states_and_refusals_are_notified(live, ctx, editor):
     assert refused.error_type == LayerErrorType.READ_ONLY and radius(ctx.get_stage()).Get() == 5
 
 
+@pytest.mark.parametrize("is_live", [False, True])
+def test_opening_again_keeps_the_edit_target(is_live, project, serve, ctx):
+    for name in ("anim", "look"):
+        (project / f"{name}.usda").write_text("#usda 1.0\n")
+    (project / "root.usda").write_text("#usda 1.0\n(\n    subLayers = [@./anim.usda@, @./look.usda@]\n)\n")
+    url = f"usdlive://127.0.0.1:{serve(project).port}/root.usda" if is_live else str(project / "root.usda")
+    assert ctx.open_stage(url)
+
+    def target():
+        return os.path.basename(ctx.get_stage().GetEditTarget().GetLayer().identifier)
+
+    for name in ("root.usda", "look.usda", "anim.usda"):
+        [layer] = [one for one in ctx.get_stage().GetLayerStack(False) if one.identifier.endswith(name)]
+        ctx.get_stage().SetEditTarget(layer)
+        assert ctx.save_stage() and target() == name and ctx.reopen_stage() and target() == name
+    [layer] = [one for one in ctx.get_stage().GetLayerStack(False) if one.identifier.endswith("anim.usda")]
+    assert get_layers(ctx).get_layers_state().set_layer_lock_state(layer.identifier, True)
+    assert ctx.save_stage() and ctx.reopen_stage() and target() == "root.usda", "a locked layer is no edit target"
+    ctx.get_stage().SetEditTarget(ctx.get_stage().GetSessionLayer())
+    assert ctx.reopen_stage() and target() == "root.usda", "the session layer is a new one"
+
+
 def test_a_refused_port_is_said_soon(context):
     ctx, begin = context("patient", connect_timeout=60), time.monotonic()
     done, error = asyncio.run(ctx.open_stage_async("usdlive://127.0.0.1:1/shot.usda"))

@@ -14,7 +14,7 @@ from pxr import Sdf, Tf, Usd, UsdUtils
 
 import usdlive
 from usdlive.omni._events import EventStream
-from usdlive.omni._layer_content import restore_edit_target
+from usdlive.omni._layer_content import restore_edit_target, set_edit_target
 from usdlive.omni._registers import Recorder, hold
 from usdlive.omni.kit.app import ORDER_EVENTS, ORDER_LAYERS, ORDER_LIVE, get_app
 
@@ -141,7 +141,8 @@ class UsdContext:
         return self._start("opening a stage", self._open(url, load_set, session_layer_url), on_finish_fn)
 
     def reopen_stage(self, load_set: UsdContextInitialLoadSet = LOAD_ALL) -> bool:
-        """Opens the same file again from the disk. After close_stage(), opens the last open file."""
+        """Opens the same file again from the disk, with the same edit target. After close_stage(), opens the last open
+        file."""
         return self._run("opening the stage again", self._reopen(load_set))
 
     async def reopen_stage_async(self, load_set: UsdContextInitialLoadSet = LOAD_ALL) -> Result:
@@ -427,8 +428,9 @@ class UsdContext:
         if self._opened and self._opened.is_new or not self._last_url:
             raise Failure("there is no file to open again; the stage was never saved")
         self._check_thread()
-        url = self._last_url
+        url, target = self._last_url, ""
         if self._opened:
+            target = self._name_of(self._opened.stage.GetEditTarget().GetLayer())
             self._check_not_shared(self._opened.stage.GetUsedLayers())
             used = [layer.identifier for layer in self._opened.stage.GetUsedLayers()]
             yield from self._close()
@@ -436,7 +438,19 @@ class UsdContext:
             held = [layer for identifier in used if (layer := Sdf.Layer.Find(identifier))]
             if not is_live_address(url):
                 Sdf.Layer.ReloadLayers([layer for layer in held if not layer.anonymous], True)
-        return (yield from self._open(url, load_set))
+        result = yield from self._open(url, load_set)
+        stage = self._need_stage()
+        for layer in stage.GetLayerStack(False):
+            if target and self._name_of(layer) == target:
+                set_edit_target(stage, layer.identifier)
+        return result
+
+    def _name_of(self, layer: Sdf.Layer | None) -> str:
+        """Returns a name that the layer has again when its stage is opened again."""
+        if not layer:
+            return ""
+        live = self._opened.live
+        return live and live.name_of(layer) or layer.identifier
 
     def _attach(self, stage: Usd.Stage | int, live: usdlive.Live | None) -> Steps[Result]:
         if not isinstance(stage, Usd.Stage):
