@@ -123,6 +123,20 @@ class Pair:
     def override(self, path: str) -> None:
         self.stage.OverridePrim(path)
 
+    def add_variant(self, path: str, value: float) -> None:
+        if self.stage.GetPrimAtPath(path):
+            added = self.stage.GetPrimAtPath(path).GetVariantSets().AddVariantSet("n")
+            added.AddVariant("a")
+            added.SetVariantSelection("a")
+            with added.GetVariantEditContext():
+                self.set_value(path, "x", value, None)
+
+    def rename(self, path: str, name: str) -> None:
+        editor = Usd.NamespaceEditor(self.stage)
+        if self.stage.GetPrimAtPath(path) and editor.MovePrimAtPath(path, Sdf.Path(path).ReplaceName(name)):
+            if editor.CanApplyEdits():
+                editor.ApplyEdits()
+
     def specify(self, path: str, specifier: Sdf.Specifier) -> None:
         if self.stage.GetPrimAtPath(path):
             self.stage.GetPrimAtPath(path).SetSpecifier(specifier)
@@ -241,6 +255,12 @@ class Pair:
             self.removed.append((layer, path, before))
             self.layers[layer].Apply(edit)
 
+    def their_rename(self, layer: str, path: str, name: str) -> None:
+        edit = Sdf.BatchNamespaceEdit()
+        edit.Add(path, Sdf.Path(path).ReplaceName(name))
+        if self.layers[layer].GetObjectAtPath(path):
+            self.layers[layer].Apply(edit)
+
     def their_undo(self) -> None:
         if self.removed:
             layer, path, before = self.removed.pop()
@@ -339,7 +359,8 @@ def random_step(rng: random.Random) -> Step:
         ("their_mute", rng.choice(LAYERS[2:]), muted), ("target", prim, name), ("apply_schema", prim),
         ("their_target", layer, prim, name), ("their_offset", time or 0.0), ("their_rate", layer, rng.choice([24, 48])),
         ("their_sublayer", rng.choice(LAYERS[2:]), muted), ("their_undo",), ("their_undo",),
-        ("their_replacement", layer), ("untarget", prim, name), ("connect", prim, name),
+        ("their_replacement", layer), ("add_variant", prim, value), ("rename", prim, rng.choice("DQ")),
+        ("their_rename", layer, prim, rng.choice("DQ")), ("untarget", prim, name), ("connect", prim, name),
         ("set_asset", prim, file, rng.choice(["value", "sample", "array", "info"])), ("refer", prim, muted),
         ("their_asset", layer, prim, file), ("load", prim), ("clear", prim, name), ("declare", prim, name),
         ("lock", layer, muted and value < 500), ("default", layer), ("block", prim, name),
@@ -415,6 +436,9 @@ FAILED = {
     "a prim in a locked default layer": [("default", "weak"), ("lock", "weak", True), ("frame",), ("override", "/N")],
     "a refused specifier": [
         ("specify", "/R", Sdf.SpecifierClass), ("load", "/R/Child"), ("lock", "weak", True)],
+    "a refused value of a prim that is removed": [
+        ("default", "strong"), ("lock", "strong", True), ("remove", "/R"), ("block", "/R/Child", "x")],
+    "a new set of variants": [("select", "v", "p"), ("in_variant", "y", 678.0), ("add_variant", "/A", 7.0)],
     "sublayers that only Python holds": 3 * [
         *(("their_sublayer", name, False) for name in LAYERS[2:]), ("frame",),
         *(("their_sublayer", name, True) for name in LAYERS[2:]), ("frame",)],

@@ -549,6 +549,8 @@ void Distribution::dropVariants(const SdfPath& path) {
     const auto set = prim.AppendVariantSelection(outermost.GetVariantSelection().first, "");
     if (!delegate_->HasSpec(set)) return;
     removeSpec(delegate_, set);
+    // A layer that received a new set has got its name, too.
+    refreshField(prim, pxr::SdfFieldKeys->VariantSetNames, holdersOf(prim));
     maybeEmpty_.push_back(prim);
 }
 
@@ -564,7 +566,11 @@ void Distribution::dropEmpty(const SdfPath& path) {
         content = content || (!usd::isStructural(field) && field != names().specifier &&
                               !(path.IsPropertyPath() && isRequiredOfProperties(field)) &&
                               !(field == names().typeName && holdersOf(path).empty()));
-    if (!content) removeSpec(delegate_, path);
+    if (content) return;
+    removeSpec(delegate_, path);
+    // Ancestors may have been created for the spec only.
+    const SdfPath parent = path.GetParentPath();
+    if (isBareOver(parent) && holdersOf(parent).empty()) dropEmpty(parent);
 }
 
 }  // namespace usdlive::layers
