@@ -1,7 +1,6 @@
 // Finds arcs and texts that are too deep for OpenUSD.
 #include "usd/stage/DepthGuard.h"
 
-#include <pxr/base/tf/pyLock.h>
 #include <pxr/base/work/loops.h>
 #include <pxr/usd/ar/packageUtils.h>
 #include <pxr/usd/ar/resolvedPath.h>
@@ -21,6 +20,7 @@
 #include <utility>
 
 #include "usd/content/PathListItems.h"
+#include "usd/stage/PythonLock.h"
 #include "usdlive/common/usd/TextDepth.h"
 #include "usdlive/common/usd/TfComplaints.h"
 
@@ -274,9 +274,6 @@ void DepthGuard::follow(std::vector<Wanted> wave, Opened& opened) {
             one.identifier = identifier;
             found.push_back(std::move(one));
         }
-        // Takes Python's lock from this thread: another one may need it for a layer that Python
-        // holds.
-        TF_PY_ALLOW_THREADS_IN_SCOPE();
         // A context is bound to a thread.
         const auto context = pxr::ArGetResolver().GetCurrentContext();
         const auto look = [&](std::size_t begin, std::size_t end) {
@@ -300,7 +297,7 @@ void DepthGuard::follow(std::vector<Wanted> wave, Opened& opened) {
         if (layers_ == Layers::FindOnly)
             look(0, found.size());
         else
-            pxr::WorkParallelForN(found.size(), look);
+            withoutPythonLock([&] { pxr::WorkParallelForN(found.size(), look); });
         wave.clear();
         for (auto& one : found) {
             if (!one.problem.empty()) texts_[one.identifier] = one.problem;

@@ -1,7 +1,6 @@
 // Composes the tree of a stage's prims.
 #include "StageState.h"
 
-#include <pxr/base/tf/pyLock.h>
 #include <pxr/base/work/loops.h>
 #include <pxr/usd/ar/resolverContextBinder.h>
 #include <pxr/usd/ar/resolverScopedCache.h>
@@ -13,6 +12,7 @@
 #include <utility>
 
 #include "Opinions.h"
+#include "PythonLock.h"
 #include "usdlive/client/usd/schema/PrimDefinition.h"
 #include "usdlive/client/usd/schema/SchemaRegistry.h"
 
@@ -296,9 +296,10 @@ void StageState::composeChildren(PrimNode& node, const Paths* only) {
     if (names.size() < kParallelChildren) {
         for (std::size_t i = 0; i < names.size(); ++i) composeOne(i);
     } else {
-        TF_PY_ALLOW_THREADS_IN_SCOPE();
-        pxr::WorkParallelForN(names.size(), [&](std::size_t begin, std::size_t end) {
-            for (std::size_t i = begin; i < end; ++i) composeOne(i);
+        withoutPythonLock([&] {
+            pxr::WorkParallelForN(names.size(), [&](std::size_t begin, std::size_t end) {
+                for (std::size_t i = begin; i < end; ++i) composeOne(i);
+            });
         });
     }
     // Pcp has no index for a prim that it could not compose.
