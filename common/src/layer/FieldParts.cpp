@@ -8,6 +8,7 @@
 #include <iterator>
 #include <string_view>
 
+#include "usdlive/common/core/ByteStream.h"
 #include "usdlive/common/core/Overloaded.h"
 #include "usdlive/common/core/Utf8.h"
 
@@ -80,6 +81,9 @@ auto sampleAt(auto& samples, double time) {
     return std::lower_bound(samples.begin(), samples.end(), time,
                             [](const auto& sample, double t) { return sample.first < t; });
 }
+
+// Returns the asset path of a sublayer, as itemKey().
+std::string_view assetOf(const Value& subLayer) { return ByteReader(subLayer.bytes()).text(); }
 
 auto itemAt(auto& items, const Value& item) {
     return std::find_if(items.begin(), items.end(),
@@ -209,7 +213,7 @@ const Dictionary::Entry* entryAt(const Dictionary* dictionary,
 
 bool sameItem(const Value& left, const Value& right) {
     if (left.type() != right.type()) return false;
-    return left.type() == ValueType::SubLayer ? itemKey(left) == itemKey(right) : left == right;
+    return left.type() == ValueType::SubLayer ? assetOf(left) == assetOf(right) : left == right;
 }
 
 Result<void> checkSet(bool pseudoRoot, const SetField& set) {
