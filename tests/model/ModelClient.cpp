@@ -30,16 +30,15 @@ static void digest(Digest& out, const Pending& part) {
     out(transaction, authored, prognosis, blobs, sent, everSent, changedSince,
         sent ? sentBytes : std::size_t(0), attempts, carried);
 }
-static void digest(Digest& out, const Prediction::Move& part) {
-    const auto& [layer, from, to] = part;
-    out(layer, from, to);
+static void digest(Digest& out, const Prediction::Moves& part) {
+    out(part.moves_);  // byTarget_ follows from it
 }
 static void digest(Digest& out, const Prediction::LayerNotes& part) {
-    const auto& [created, fields, structural] = part;
-    out(created, fields, structural);
+    const auto& [created, fields, structural, moves] = part;
+    out(created, fields, structural, moves);
 }
 static void digest(Digest& out, const Prediction& part) {
-    out(part.docs_, part.openedAt_, part.names_, part.creations_, part.moves_, part.notes_);
+    out(part.docs_, part.openedAt_, part.names_, part.creations_, part.notes_);
 }
 static void digest(Digest& out, const Incoming& part) {
     const auto& [request, opened, content] = part;

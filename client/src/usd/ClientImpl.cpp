@@ -252,14 +252,16 @@ bool Client::Impl::exchange(double budgetMs, Seal seal) {
 }
 
 bool Client::Impl::advance(double budgetMs) {
-    bool done = false;
-    {
-        const Raised advancing(advancing_);
-        done = session_.advance(budgetMs, steadyMs());
-    }
-    for (const LayerId& id : std::exchange(unplaced_, {}))
-        if (LiveLayer* live = layers_.find(id)) live->place();
-    return done;
+    // Also after an exception: Sdf must not read a list without its new children.
+    struct Placing {
+        Impl& client;
+        ~Placing() {
+            for (const LayerId& id : std::exchange(client.unplaced_, {}))
+                if (LiveLayer* live = client.layers_.find(id)) live->place();
+        }
+    } const placing{*this};
+    const Raised advancing(advancing_);
+    return session_.advance(budgetMs, steadyMs());
 }
 
 void Client::Impl::setGesture(bool begins) {
