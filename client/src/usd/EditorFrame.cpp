@@ -61,6 +61,7 @@ void EditorFrame::author(LiveSet& layers, Session& session, LiveLayer& live,
         live.apply("/", action);
         edits.push_back({live.id(), "/", std::move(action)});
     }
+    live.place();
     submit(std::move(edits), session);
 }
 

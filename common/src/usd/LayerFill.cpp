@@ -315,6 +315,7 @@ Result<void> LayerFill::into(SdfLayerStore& store, Notices notices) {
     {
         const pxr::SdfChangeBlock block;
         const SdfLayerStore::Delegate::Applying applying(delegate);
+        delegate.place();
         delegate.waiting.clear();
         // A layer from a file without prims has an empty list of them.
         const auto prims = delegate.data().GetAs<pxr::TfTokenVector>(
