@@ -674,6 +674,48 @@ def test_a_read_only_file_is_left_alone(ctx, ball):
     assert ctx.save_stage()
 
 
+OPEN_AGAIN = {
+    "open": lambda ctx, path: ctx.open_stage(path),
+    "close and open": lambda ctx, path: ctx.close_stage() and ctx.open_stage(path),
+    "reopen": lambda ctx, path: ctx.reopen_stage(),
+    "open async": lambda ctx, path: asyncio.run(ctx.open_stage_async(path))[0],
+}
+
+
+@pytest.mark.parametrize("again", OPEN_AGAIN)
+@pytest.mark.parametrize("changed", [False, True], ids=["same files", "changed files"])
+@pytest.mark.parametrize("edited", [False, True], ids=["clean", "edited"])
+@pytest.mark.parametrize("held", ["nothing", "the root", "the sublayer", "the reference", "the stage", "all"])
+def test_opening_again_shows_the_files_whatever_a_script_holds(ctx, tmp_path, held, edited, changed, again):
+    def write(number):
+        for name, text in {"root.usda": f'(subLayers = [@./sub.usda@])\ndef "P" (references = @./ref.usda@</R>)\n{{\n'
+                                        f'    int root = {number}\n}}\n',
+                           "sub.usda": f'over "P"\n{{\n    int sub = {number}\n}}\n',
+                           "ref.usda": f'def "R"\n{{\n    int ref = {number}\n}}\n'}.items():
+            (tmp_path / name).write_text("#usda 1.0\n" + text)
+
+    write(1)
+    path = str(tmp_path / "root.usda")
+    assert ctx.open_stage(path)
+    stage = ctx.get_stage()
+    layers = {"the root": stage.GetRootLayer(), "the sublayer": stage.GetLayerStack()[-1],
+              "the reference": Sdf.Layer.Find(str(tmp_path / "ref.usda")), "the stage": stage}
+    script = list(layers.values()) if held == "all" else layers.get(held)
+    if edited:
+        for layer in list(layers.values())[:3]:
+            layer.GetAttributeAtPath(next(f"/{p}.{a}" for p in "PR" for a in ("root", "sub", "ref")
+                                          if layer.GetAttributeAtPath(f"/{p}.{a}"))).default = 9
+    del stage, layers
+    frames()
+    if changed:
+        time.sleep(0.02)  # files have times of their own
+        write(2)
+    assert OPEN_AGAIN[again](ctx, path)
+    prim = ctx.get_stage().GetPrimAtPath("/P")
+    assert [prim.GetAttribute(name).Get() for name in ("root", "sub", "ref")] == [1 + changed] * 3
+    del script
+
+
 @pytest.fixture
 def tiny(small_disk):
     return small_disk("300k")

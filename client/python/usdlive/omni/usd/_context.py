@@ -404,7 +404,7 @@ class UsdContext:
             if replaced:
                 _, text = yield from self._close()
                 begun = self._begin_opening()
-            _reload_discarded(loading.layers.values())
+            _read_anew(loading.layers.values())
             stage = Usd.Stage.Open(root, session, _load(load_set)) if session else Usd.Stage.Open(
                 root, _load(load_set))
             if address:
@@ -785,8 +785,11 @@ def _load(load_set: UsdContextInitialLoadSet) -> Usd.Stage.InitialLoadSet:
     return Usd.Stage.LoadNone if load_set == LOAD_NONE else Usd.Stage.LoadAll
 
 
-def _reload_discarded(layers: typing.Iterable[Sdf.Layer]) -> None:
-    """Reloads files whose layers still have edits of a closed stage, so that they open as on the disk."""
-    chosen = [layer for layer in layers if layer.identifier in _discarded]
+def _read_anew(layers: typing.Iterable[Sdf.Layer]) -> None:
+    """Reads files again whose layers somebody still holds, so that they open as on the disk: those with edits of a
+    closed stage, and those whose file has changed. Other edits stay."""
+    files = [layer for layer in layers if not layer.anonymous]
+    chosen = [layer for layer in files if layer.identifier in _discarded]
     Sdf.Layer.ReloadLayers([layer for layer in chosen if layer.dirty], True)
+    Sdf.Layer.ReloadLayers([layer for layer in files if not layer.dirty])
     _discarded.difference_update(layer.identifier for layer in chosen)
