@@ -794,6 +794,34 @@ def test_a_prim_of_a_locked_layer_is_not_moved(ctx, stage, layer, caplog):
     assert "weak.usda is locked" in caplog.text and texts(stage) == before
 
 
+@pytest.mark.parametrize("lock", ["Kit's", "permission"])
+def test_a_prim_to_which_a_locked_layer_points_is_not_moved(ctx, stage, layer, caplog, lock):
+    weak = layer("weak")
+    stage.SetEditTarget(stage.GetEditTargetForLocalLayer(weak))
+    stage.DefinePrim("/Pointing").CreateRelationship("to").AddTarget("/Alone")
+    stage.SetEditTarget(stage.GetEditTargetForLocalLayer(layer("root")))
+    stage.DefinePrim("/Alone")
+    if lock == "Kit's":
+        weak.customLayerData = {"omni_layer": {"locked": True}}
+    else:
+        weak.SetPermissionToEdit(False)
+    before = texts(stage)
+    assert not move(path_from="/Alone", path_to="/Moved")
+    assert "weak.usda" in caplog.text and texts(stage) == before
+    weak.SetPermissionToEdit(True)
+
+
+def test_a_prim_with_a_relocate_below_it_is_moved(ctx, stage, layer, folder):
+    (folder / "asset.usda").write_text(
+        '#usda 1.0\ndef "R"\n{\n    def "P"\n    {\n        def "D"\n        {\n        }\n    }\n}\n')
+    stage.DefinePrim("/A").GetReferences().AddReference("./asset.usda", "/R")
+    layer("root").relocates = [("/A/P/D", "/A/P/L")]
+    assert stage.GetPrimAtPath("/A/P/L")
+    with Undone(stage):
+        assert move(path_from="/A/P", path_to="/A/Q")
+        assert stage.GetPrimAtPath("/A/Q/L") and not stage.GetPrimAtPath("/A/P")
+
+
 def test_move_a_prim_without_touching_weaker_layers(ctx, stage, layer):
     stage.SetEditTarget(stage.GetEditTargetForLocalLayer(layer("strong")))
     others = {name: layer(name).ExportToString() for name in ("root", "weak")}

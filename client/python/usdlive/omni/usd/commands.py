@@ -6,6 +6,7 @@ import typing
 
 from pxr import Gf, Sdf, Usd, UsdGeom
 
+from usdlive import NamespaceEditor
 from usdlive.omni import _layer_content
 from usdlive.omni._registers import Kept, Recorder, arrange, children_of, hold
 from usdlive.omni.kit.commands import CommandFailed, RecordedCommand
@@ -38,9 +39,6 @@ class MovePrimCommand(RecordedCommand):
         if not prim:
             raise CommandFailed(f"there is no prim {self._from}")
         world = self._world(prim) if self._keep_world else None
-        for layer in stage.GetLayerStack() if self._destructive else ():
-            if layer.GetPrimAtPath(self._from) and _layer_content.is_locked(layer, stage.GetRootLayer()):
-                raise CommandFailed(f"{self._from} cannot be moved: {layer.identifier} is locked")
         if self._destructive:
             self._orders = [(hold(layer), children_of(layer, self._from.GetParentPath()))
                             for layer in stage.GetLayerStack() if layer.GetPrimAtPath(self._from)]
@@ -72,14 +70,14 @@ class MovePrimCommand(RecordedCommand):
         return kept
 
     def _move(self, source: Sdf.Path, target: Sdf.Path) -> None:
-        editor = Usd.NamespaceEditor(self.stage)
+        editor = NamespaceEditor(self.stage)
         if not editor.MovePrimAtPath(source, target):
             raise CommandFailed(f"{source} cannot be moved to {target}")
-        allowed = editor.CanApplyEdits()
-        if not allowed:
-            raise CommandFailed(f"{source} cannot be moved to {target}: {allowed.whyNot}")
+        for layer in editor.GetLayersToEdit():
+            if _layer_content.is_locked(layer, self.stage.GetRootLayer()):
+                raise CommandFailed(f"{source} cannot be moved: {layer.identifier} is locked")
         if not editor.ApplyEdits():
-            raise CommandFailed(f"{source} was not moved to {target}")
+            raise CommandFailed(f"{source} cannot be moved to {target}: {editor.GetResult().whyNot}")
 
     def _copy(self, recorder: Recorder) -> None:
         stage, target = self.stage, self.stage.GetEditTarget().GetLayer()
