@@ -6,7 +6,6 @@
 #include <pxr/usd/sdf/layer.h>
 #include <pxr/usd/sdf/schema.h>
 
-#include <algorithm>
 #include <string_view>
 #include <utility>
 #include <variant>
@@ -305,9 +304,9 @@ void LiveLayer::reloaded() {
 }
 
 void LiveLayer::onChanged(const pxr::SdfNotice::LayersDidChangeSentPerLayer& notice) {
-    const auto isReload = [](const auto& entry) { return entry.second.flags.didReloadContent; };
     const auto list = notice.find(layer_);
-    if (list != notice.end() && std::ranges::none_of(list->second.GetEntryList(), isReload))
+    const auto& root = pxr::SdfPath::AbsoluteRootPath();
+    if (list != notice.end() && !list->second.GetEntry(root).flags.didReloadContent)
         written_ = hasWrites();
 }
 
