@@ -15,6 +15,7 @@ import typing
 
 import pytest
 from pxr import Sdf, Usd
+from stage_context import StageContext
 
 import usdlive.omni.kit.usd.layers as layers
 from usdlive.omni.kit.app import get_app
@@ -25,17 +26,6 @@ OFFSETS = [(0, 1), (0, 1), (10, 1), (0, 2), (-4, 0.5)]
 VALUE_FIELDS = ("default", "timeSamples")
 PRIMS = ["/P0", "/P1", "/P2", "/P1/C"]
 ATTRIBUTES = ["a", "b", "tc"]
-
-
-class Context:
-    def __init__(self, stage: Usd.Stage):
-        self.stage = stage
-
-    def get_stage(self) -> Usd.Stage:
-        return self.stage
-
-    def get_name(self) -> str:
-        return "case"
 
 
 class Case:
@@ -328,7 +318,7 @@ def run(seed: int) -> int:
             if not case.stage.GetPrimAtPath(path):
                 Sdf.CreatePrimInLayer(case.layers[case.local()[-1]], path)
     assert mine.texts() == oracle.texts() and all_prims_exist(mine)
-    context = Context(mine.stage)
+    context = StageContext(mine.stage, "case")
     instance = layers.get_layers(context)
     instance.set_edit_mode(layers.LayerEditMode.AUTO_AUTHORING)
     instance.get_auto_authoring().set_default_layer(mine.layers[mine.default].identifier)

@@ -16,6 +16,7 @@ import typing
 
 import pytest
 from pxr import Sdf, Tf, Usd
+from stage_context import StageContext
 
 import usdlive.omni.kit.usd.layers as layers
 from usdlive.omni.kit.app import get_app
@@ -41,17 +42,6 @@ def new_layer(name: str) -> Sdf.Layer:
     if name == "session":
         return Sdf.Layer.CreateAnonymous("session.usda")
     return Sdf.Layer.CreateNew(f"{FILES.name}/{name}/{next(NUMBERS)}.usda")
-
-
-class Context:
-    def __init__(self, stage: Usd.Stage):
-        self.stage = stage
-
-    def get_stage(self) -> Usd.Stage:
-        return self.stage
-
-    def get_name(self) -> str:
-        return "mirror"
 
 
 class Pair:
@@ -84,7 +74,7 @@ class Pair:
         for session in sessions:
             session.subLayerPaths.append(self.layers["session"].identifier)
         self.stage, self.oracle = (Usd.Stage.Open(root, session) for session in sessions)
-        self.context = Context(self.stage)
+        self.context = StageContext(self.stage, "mirror")
         self.instance = layers.get_layers(self.context)
         self.instance.set_edit_mode(mode)
         get_app().update()

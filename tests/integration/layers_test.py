@@ -13,23 +13,13 @@ import weakref
 
 import pytest
 from pxr import Sdf, Usd, UsdGeom
+from stage_context import StageContext
 
 import usdlive
 import usdlive.omni.kit.usd.layers as layers
 from usdlive.omni.kit.app import get_app
 from usdlive.omni.kit.usd.layers import LayerEditMode, LayerErrorType, LayerEventType, LayerUtils
 from usdlive.omni.usd import ContextSettings, create_context, destroy_context
-
-
-class Context:
-    def __init__(self, stage, name="test", live=None):
-        self.stage, self.name, self.live = stage, name, live
-
-    def get_stage(self):
-        return self.stage
-
-    def get_name(self):
-        return self.name
 
 
 class Scene:
@@ -45,7 +35,7 @@ class Scene:
         self.stage = Usd.Stage.Open(self.path("root.usda"))
         self.root, self.session = self.stage.GetRootLayer(), self.stage.GetSessionLayer()
         self.strong, self.weak = (Sdf.Layer.Find(self.path(f"{n}.usda")) for n in ("strong", "weak"))
-        self.context = Context(self.stage)
+        self.context = StageContext(self.stage)
         self.layers = layers.get_layers(self.context)
         self.events = []
         self.subscription = layers.get_event_stream(self.context).create_subscription_to_pop(
@@ -170,7 +160,7 @@ def test_the_contexts_stage_is_followed(scene, tmp_path):
 
 
 def test_layers_go_with_their_context(scene):
-    context = Context(scene.stage)
+    context = StageContext(scene.stage)
     instance = layers.get_layers(context)
     gone = weakref.ref(instance)
     del context, instance
@@ -194,7 +184,7 @@ def test_nothing_is_missed_before_the_first_frame(scene):
         get_app().update()
 
     expected = {LayerEventType.PRIM_SPECS_CHANGED, LayerEventType.MUTENESS_STATE_CHANGED}
-    early = Context(scene.stage, "early")
+    early = StageContext(scene.stage, "early")
     received, _early = listen(early)
     change(scene.stage, "First")
     assert expected <= set(received)
@@ -261,7 +251,7 @@ def test_muteness(scene):
 def test_muteness_is_found_again(scene):
     state = scene.layers.get_layers_state()
     assert state.set_layer_global_muteness(scene.weak.identifier, True)
-    other = Context(Usd.Stage.Open(scene.root), "second")
+    other = StageContext(Usd.Stage.Open(scene.root), "second")
     again = layers.get_layers_state(other)
     assert again.is_layer_globally_muted(scene.weak.identifier)
     assert not other.stage.IsLayerMuted(scene.weak.identifier)
@@ -637,7 +627,7 @@ def test_a_move_of_a_locked_prim_is_reverted(target, scene):
 def test_states_are_true_before_the_first_frame(scene, tmp_path):
     weak = scene.weak.identifier
     os.chmod(weak, stat.S_IRUSR)
-    other = Context(Usd.Stage.Open(scene.root), "early states")
+    other = StageContext(Usd.Stage.Open(scene.root), "early states")
     state = layers.get_layers_state(other)
     assert state.is_layer_readonly_on_disk(weak) and not state.is_layer_writable(weak)
     assert not state.is_layer_savable(weak) and state.get_layer_owner(weak) != ""
@@ -698,7 +688,7 @@ def test_data_of_kit_and_others_is_read(tmp_path):
                                            "muteness": {"./my%20layer.usda": True},
                                            "authoring_layer": "./my%20layer.usda"}}
     stage = Usd.Stage.Open(root)
-    context = Context(stage, "percent")
+    context = StageContext(stage, "percent")
     state, spaced = layers.get_layers_state(context), str(tmp_path / "my layer.usda")
     assert state.is_layer_locked(spaced) and state.is_layer_locked(str(tmp_path / "100%25.usda"))
     assert state.is_layer_globally_muted(spaced) and LayerUtils.get_layer_lock_status(root, spaced)
