@@ -142,19 +142,23 @@ class Edit:
     key: str = ""
     new: bool = False
     time: float | None = None
+    clears: bool = False  # is distributed at once, together with the edits before it
 
     def register(self) -> tuple:
         return (self.path, self.fields, self.key)
 
 
 def has(layer: Sdf.Layer, path: str, fields: tuple[str, ...]) -> bool:
+    """Without fields: the layer has the spec."""
     spec = layer.GetObjectAtPath(path)
-    return bool(spec) and any(spec.HasInfo(field) for field in fields)
+    return bool(spec) and (not fields or any(spec.HasInfo(field) for field in fields))
 
 
 def place(case: Case, edit: Edit) -> tuple[str, str]:
     """The (layer, path) where the edit belongs."""
     local = [name for name in case.local() if case.layers[name].GetObjectAtPath(edit.path)]
+    if not edit.fields and local:
+        return local[0], edit.path
     for name in local:
         spec = case.layers[name].GetObjectAtPath(edit.path)
         if edit.key and edit.key in (spec.GetInfo(edit.fields[0]) if spec.HasInfo(edit.fields[0]) else {}):
@@ -282,7 +286,38 @@ def variant_edit(rng: random.Random, case: Case) -> Edit | None:
     return Edit(path, VALUE_FIELDS, within, lambda s: s.GetAttributeAtPath("/P0.inside").Get(), value)
 
 
-KINDS = [value_edit, value_edit, value_edit, time_code_edit, comment_edit, documentation_edit, key_edit,
+def clear(path: str, fields: tuple[str, ...], author: typing.Callable[[Usd.Object], typing.Any], key: str = "") -> Edit:
+    """Clears a register of the prim or property, or with no fields removes the property."""
+    def authored(stage: Usd.Stage) -> None:
+        prim = stage.GetPrimAtPath(Sdf.Path(path).GetPrimPath())
+        author(prim.GetProperty(Sdf.Path(path).name) if "." in path else prim)
+
+    return Edit(path, fields, authored, lambda s: None, None, key=key, clears=True)
+
+
+def clear_edit(rng: random.Random, case: Case) -> Edit | None:
+    path = rng.choice([*PRIMS, "/R", "/R/Child"])
+    prim, name = case.stage.GetPrimAtPath(path), rng.choice(["a", "b", "targets"])
+    key = rng.choice("kl")
+    kinds = [clear(path, ("comment",), lambda p: p.ClearMetadata("comment")),
+             clear(path, ("customData",), lambda p: p.ClearCustomDataByKey(key), key)]
+    if part := prim.GetProperty(name):
+        spec = f"{path}.{name}"
+        kinds += [clear(spec, (), lambda p: p.GetPrim().RemoveProperty(name)),
+                  clear(spec, ("documentation",), lambda p: p.ClearDocumentation())]
+        if name == "targets":
+            kinds.append(clear(spec, ("targetPaths",), lambda p: p.ClearTargets(False)))
+        else:
+            times = part.GetTimeSamples()
+            time = rng.choice(times) if times else 1.0
+            kinds += [clear(spec, VALUE_FIELDS, lambda p: p.Clear()),
+                      clear(spec, VALUE_FIELDS, lambda p: p.ClearDefault())]
+            if place(case, kinds[-1])[1] == spec:  # an edit target of a variant does not map times
+                kinds.append(clear(spec, VALUE_FIELDS, lambda p: p.ClearAtTime(time)))
+    return rng.choice(kinds)
+
+
+KINDS = [clear_edit, clear_edit, value_edit, value_edit, value_edit, time_code_edit, comment_edit, documentation_edit, key_edit,
          target_edit, api_edit, prim_edit, variant_edit]
 
 
@@ -290,7 +325,9 @@ def random_edits(rng: random.Random, case: Case) -> list[Edit]:
     edits: dict[tuple, Edit] = {}
     for _ in range(rng.randint(1, 8)):
         edit = rng.choice(KINDS)(rng, case)
-        if edit:
+        # A property that is removed is not edited in the same frame.
+        if edit and not any(other.path == edit.path and not (other.fields and edit.fields)
+                            for other in edits.values()):
             edits.setdefault(edit.register(), edit)
     # Creating a spec and writing it in one frame are two edits of one place.
     created = {e.path.split(".")[0] for e in edits.values() if e.fields == ("typeName",)}
@@ -310,6 +347,16 @@ def flattened(case: Case) -> list[str]:
     return sorted(text.splitlines())
 
 
+def batches(edits: list[Edit]) -> list[list[Edit]]:
+    """Divides the edits into those that are distributed together."""
+    result: list[list[Edit]] = [[]]
+    for edit in edits:
+        result[-1].append(edit)
+        if edit.clears:
+            result.append([])
+    return [batch for batch in result if batch]
+
+
 def run(seed: int) -> int:
     rng = random.Random(f"edits {seed}")
     mine, oracle = Case(seed), Case(seed)
@@ -326,12 +373,19 @@ def run(seed: int) -> int:
     done: dict[tuple, Edit] = {}
     for _ in range(2):
         edits = random_edits(rng, oracle)
-        places = [place(oracle, edit) for edit in edits]
+        places: list[tuple[str, str]] = []
         for edit in edits:
             edit.author(mine.stage)
-        for edit, there in zip(edits, places):
-            author(oracle, edit, there)
-            done[edit.register()] = edit
+        for together in batches(edits):
+            places += [place(oracle, edit) for edit in together]
+            for edit, there in zip(together, places[-len(together):]):
+                author(oracle, edit, there)
+                if not edit.fields:
+                    done = {at: one for at, one in done.items() if one.path != edit.path}
+                elif edit.clears:
+                    done.pop(edit.register(), None)
+                else:
+                    done[edit.register()] = edit
         app.update()
         expected, found = oracle.texts(), mine.texts()
         for name in found:

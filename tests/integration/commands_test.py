@@ -139,7 +139,7 @@ def composed(stage):
                 os.path.realpath(v.resolvedPath or "") if isinstance(v, Sdf.AssetPath) else v for v in value]
         for relationship in prim.GetAuthoredRelationships():
             values[str(relationship.GetPath())] = relationship.GetTargets()
-        values[str(prim.GetPath()) + " data"] = prim.GetCustomData()
+        values[str(prim.GetPath()) + " data"] = prim.GetCustomData(), prim.GetMetadata("comment")
     return values
 
 
@@ -1352,7 +1352,8 @@ class EditCommand(commands.RecordedCommand):
     def change(stage, dice):
         own = stage.DefinePrim(f"/World/Box/{dice.choice('ABC')}", "Xform")
         ball, number = stage.GetPrimAtPath("/World/Ball"), dice.random()
-        action = dice.randrange(9)
+        old = stage.GetPrimAtPath("/World/Box/Old/Below")
+        action = dice.randrange(15)
         if action == 0:
             ball.GetAttribute("mass").Set(number)  # from a reference of a weak layer
         elif action == 1:
@@ -1369,8 +1370,20 @@ class EditCommand(commands.RecordedCommand):
             own.CreateRelationship("r").SetTargets([f"/World/{dice.choice(['Ball', 'Cone'])}"])
         elif action == 7:
             own.RemoveProperty("a")
-        else:
+        elif action == 8:
             ball.GetAttribute("library").Set(f"{number}.mdl")
+        elif action == 9:
+            ball.GetAttribute("library").Clear()
+        elif action == 10 and old:
+            old.GetAttribute("a").Clear() if dice.random() < 0.5 else old.RemoveProperty("a")
+        elif action == 11 and old:
+            old.GetAttribute("times").ClearAtTime(dice.randint(0, 3))
+        elif action == 12 and old:
+            old.ClearCustomDataByKey("k") if dice.random() < 0.5 else old.ClearCustomData()
+        elif action == 13 and old:
+            old.GetRelationship("r").ClearTargets(dice.random() < 0.5)
+        elif old:
+            old.ClearMetadata("comment") if dice.random() < 0.5 else old.GetReferences().ClearReferences()
 
 
 @pytest.fixture
@@ -1384,7 +1397,14 @@ def in_mode(context, mode):
     """Opens the context's root layer as if it were shared, in the edit mode."""
     context.is_live_layer = lambda layer: True
     for name in ("Old", "Older"):
-        context.get_stage().DefinePrim(f"/World/Box/{name}/Below").CreateAttribute("a", Sdf.ValueTypeNames.Int).Set(1)
+        below = context.get_stage().DefinePrim(f"/World/Box/{name}/Below")
+        below.CreateAttribute("a", Sdf.ValueTypeNames.Int).Set(1)
+        for time in range(4):
+            below.CreateAttribute("times", Sdf.ValueTypeNames.Int).Set(time, time)
+        below.CreateRelationship("r").SetTargets(["/World/Ball"])
+        below.SetCustomData({"k": 1, "l": {"m": 2}})
+        below.SetMetadata("comment", "old")
+        below.GetReferences().AddReference("./props/prop.usda", "/Prop")
     get_layers(context).set_edit_mode(mode)
     return context.get_stage()
 

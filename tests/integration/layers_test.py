@@ -12,7 +12,7 @@ import threading
 import weakref
 
 import pytest
-from pxr import Sdf, Usd, UsdGeom
+from pxr import Sdf, Usd, UsdGeom, UsdShade
 from stage_context import StageContext
 
 import usdlive
@@ -665,6 +665,101 @@ def test_auto_authoring_removes_a_prim_that_it_has_not_edited(scene):
     scene.edit(LayerEditMode.NORMAL)
     assert "RemovePrim" not in vars(scene.stage)
     assert not scene.stage.RemovePrim("/A")
+
+
+def parts_to_clear(stage):
+    """Writes opinions of many kinds to the edit target. Returns functions that clear one each."""
+    types, prim = Sdf.ValueTypeNames, stage.GetPrimAtPath("/A")
+    prim.CreateAttribute("file", types.Asset).Set("./asset.usda")
+    prim.CreateAttribute("many", types.Double).Set(0.0)
+    for time in range(1000):
+        prim.GetAttribute("many").Set(float(time), time)
+    prim.SetCustomData({"k": 1, "l": {"m": 2}})
+    prim.SetAssetInfoByKey("identifier", Sdf.AssetPath("./asset.usda"))
+    prim.SetTypeName("Cube")
+    prim.GetReferences().AddReference("./asset.usda")
+    prim.CreateRelationship("to").SetTargets(["/R"])
+    prim.CreateAttribute("connected", types.Double).AddConnection("/A.many")
+    UsdGeom.PrimvarsAPI(prim).CreatePrimvar("color", types.Float).Set(1.0)
+    shader = UsdShade.Shader.Define(stage, "/Shader")
+    shader.CreateInput("in", types.Float).ConnectToSource("/Shader.outputs:out")
+    prim.GetVariantSets().AddVariantSet("v").SetVariantSelection("p")
+    return [
+        lambda: prim.GetAttribute("file").Clear(), lambda: prim.GetAttribute("many").ClearAtTime(7),
+        lambda: prim.GetAttribute("many").ClearAtTime(time=Usd.TimeCode(8)),
+        lambda: prim.GetAttribute("many").ClearDefault(), lambda: prim.GetAttribute("many").Clear(),
+        lambda: prim.ClearCustomDataByKey("l:m"), lambda: prim.ClearMetadataByDictKey("customData", "k"),
+        lambda: prim.ClearAssetInfo(), lambda: prim.ClearTypeName(), lambda: prim.GetReferences().ClearReferences(),
+        lambda: prim.GetRelationship("to").ClearTargets(True), lambda: prim.GetAttribute("connected").ClearConnections(),
+        lambda: UsdGeom.PrimvarsAPI(prim).RemovePrimvar("color"), lambda: prim.RemoveProperty(propName="connected"),
+        lambda: UsdShade.Shader(stage.GetPrimAtPath("/Shader")).GetInput("in").ClearSources(),
+        lambda: UsdShade.ConnectableAPI.ClearSources(stage.GetAttributeAtPath("/Shader.inputs:in")),
+        lambda: prim.GetVariantSet("v").ClearVariantSelection(), lambda: prim.ClearMetadata("comment")]
+
+
+@pytest.mark.parametrize("mode", [LayerEditMode.AUTO_AUTHORING, LayerEditMode.SPECS_LINKING])
+def test_what_was_not_edited_is_cleared_as_in_the_layer_itself(scene, tmp_path, mode):
+    (tmp_path / "other").mkdir()
+    other = Scene(tmp_path / "other")
+    with Usd.EditContext(scene.stage, scene.weak), Usd.EditContext(other.stage, other.weak):
+        clears = parts_to_clear(scene.stage), parts_to_clear(other.stage)
+    scene.edit(mode)
+    other.stage.SetEditTarget(other.weak)
+    before = scene.stage.GetEditTarget().GetLayer().ExportToString()
+    for index, (mine, theirs) in enumerate(zip(*clears)):
+        assert mine() == theirs(), index
+        assert scene.weak.ExportToString() == other.weak.ExportToString(), index
+    scene.frame()
+    assert scene.weak.ExportToString() == other.weak.ExportToString()
+    assert scene.stage.GetEditTarget().GetLayer().ExportToString().count("over") <= before.count("over") + 1
+    assert not scene.layers.get_auto_authoring().refused_edits
+
+
+def test_a_clear_waits_while_suspended_and_is_refused_in_a_locked_layer(scene):
+    x, y = (scene.stage.GetAttributeAtPath(path) for path in ("/A.x", "/A/B.y"))
+    scene.edit()
+    authoring = scene.layers.get_auto_authoring()
+    authoring.suspend()
+    x.Clear()
+    scene.frame()
+    assert scene.weak.GetAttributeAtPath("/A.x").default == 1
+    authoring.resume()
+    scene.frame()
+    assert x.Get() is None and scene.weak.GetAttributeAtPath("/A.x").default is None
+    scene.layers.get_layers_state().set_layer_lock_state(scene.weak.identifier, True)
+    y.Clear()
+    scene.stage.GetPrimAtPath("/A/B").RemoveProperty("y")
+    assert y.Get() == 2 and [edit.path for edit in authoring.refused_edits] == ["/A/B.y", "/A/B.y"]
+
+
+def test_only_linked_layers_lose_a_property(scene):
+    for layer in (scene.strong, scene.root):
+        Sdf.AttributeSpec(Sdf.CreatePrimInLayer(layer, "/A"), "x", Sdf.ValueTypeNames.Double).default = 5.0
+    scene.layers.get_specs_linking().link_spec("/A.x", scene.strong.identifier)
+    scene.layers.get_specs_linking().link_spec("/A.x", scene.weak.identifier)
+    scene.edit(LayerEditMode.SPECS_LINKING)
+    assert scene.stage.GetPrimAtPath("/A").RemoveProperty("x")
+    assert scene.root.GetAttributeAtPath("/A.x")
+    assert not scene.strong.GetAttributeAtPath("/A.x") and not scene.weak.GetAttributeAtPath("/A.x")
+
+
+def test_code_that_looks_only_into_the_edit_target_clears_within_clearing(scene):
+    def clear():  # does what C++ does
+        spec = scene.stage.GetEditTarget().GetLayer().GetAttributeAtPath("/A.x")
+        if spec:
+            spec.ClearInfo("default")
+
+    scene.edit()
+    clear()
+    scene.frame()
+    assert scene.weak.GetAttributeAtPath("/A.x").default == 1
+    with scene.layers.get_auto_authoring().clearing("/A.x", "/A"):
+        clear()
+    scene.frame()
+    assert scene.weak.GetAttributeAtPath("/A.x").default is None
+    scene.edit(LayerEditMode.NORMAL)
+    with scene.layers.get_auto_authoring().clearing("/A.x"):
+        clear()
 
 
 def test_a_muted_layer_that_is_removed_leaves_no_flag(scene):

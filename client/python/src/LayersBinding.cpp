@@ -2,6 +2,7 @@
 #include "LayersBinding.h"
 
 #include <nanobind/stl/map.h>
+#include <nanobind/stl/optional.h>
 #include <nanobind/stl/pair.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/tuple.h>
@@ -225,6 +226,14 @@ public:
         layers_.refuse(std::move(refused));
     }
 
+    void beginClearing(const Strings& specs, std::optional<double> time) {
+        std::vector<pxr::SdfPath> paths;
+        for (const auto& spec : specs)
+            if (const auto path = pathFrom(spec)) paths.push_back(*path);
+        clearing_.push_back(std::make_unique<Clearing>(authoring(), paths, time));
+    }
+    void endClearing() { clearing_.pop_back(); }
+
     nb::list refusedEdits() {
         nb::list refused;
         for (const auto& edit : layers_.refusedEdits())
@@ -236,6 +245,7 @@ public:
 private:
     std::unique_ptr<PythonLive> live_;
     Layers layers_;
+    std::vector<std::unique_ptr<Clearing>> clearing_;
     std::optional<LayerError> error_;
 };
 
@@ -456,6 +466,10 @@ void bindAuthoring(Class& type) {
              [](P& self, const std::string& id) {
                  return self.authoring().isAutoAuthoringLayer(id);
              })
+        .def("begin_clearing", &P::beginClearing, nb::arg("specs"), nb::arg("time").none(),
+             nb::call_guard<nb::gil_scoped_release>())
+        .def("end_clearing", &P::endClearing, nb::call_guard<nb::gil_scoped_release>())
+        .def("is_suspended", [](P& self) { return self.authoring().isSuspended(); })
         .def("suspend", [](P& self) { self.authoring().suspend(); })
         .def("resume", [](P& self) { self.authoring().resume(); })
         .def("refuse", &P::refuse)

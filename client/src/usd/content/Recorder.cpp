@@ -318,9 +318,17 @@ Recorder::Recorder(Recorder&&) noexcept = default;
 
 void Recorder::touch(const SdfLayerHandle& layer, const SdfPath& path, bool deep) {
     if (isTouched(layer, path, deep)) return;
-    touched_[layer][path] = deep;
-    scopes_.emplace_back(layer, path, deep);
-    scopes_.back().keepSpecs();
+    auto& touched = touched_[layer];
+    // Scopes do not overlap, so that each undoes its part of the edits: those within the new one
+    // end here, in the order in which they began.
+    std::set<std::size_t> within;
+    for (auto at = touched.lower_bound(path);
+         deep && at != touched.end() && at->first.HasPrefix(path); at = touched.erase(at))
+        within.insert(at->second.index);
+    for (const std::size_t index : within) close(*std::exchange(scopes_[index], nullptr));
+    touched[path] = {scopes_.size(), deep};
+    scopes_.push_back(std::make_unique<LayerScope>(layer, path, deep));
+    scopes_.back()->keepSpecs();
 }
 
 bool Recorder::isTouched(const SdfLayerHandle& layer, const SdfPath& path, bool deep) const {
@@ -328,15 +336,24 @@ bool Recorder::isTouched(const SdfLayerHandle& layer, const SdfPath& path, bool 
     if (touched == touched_.end()) return false;
     for (SdfPath at = path; !at.IsEmpty(); at = at.GetParentPath()) {
         const auto found = touched->second.find(at);
-        if (found != touched->second.end() && (found->second || (at == path && !deep))) return true;
+        if (found != touched->second.end() && (found->second.deep || (at == path && !deep)))
+            return true;
     }
     return false;
 }
 
+void Recorder::close(const LayerScope& before) {
+    ScopeDifference difference(before, before.now());
+    if (difference.isEmpty()) difference.dropContent();
+    closed_.push_back(std::move(difference));
+}
+
 void Recorder::forget(const SdfLayerHandle& layer) {
     touched_.erase(layer);
-    std::erase_if(scopes_,
-                  [&](const LayerScope& scope) { return SdfLayerHandle(scope.layer) == layer; });
+    for (auto& scope : scopes_)
+        if (scope && SdfLayerHandle(scope->layer) == layer) scope.reset();
+    std::erase_if(closed_,
+                  [&](const ScopeDifference& one) { return SdfLayerHandle(one.layer()) == layer; });
 }
 
 void Recorder::touchWithAncestors(const SdfLayerHandle& layer, const SdfPath& path) {
@@ -346,16 +363,11 @@ void Recorder::touchWithAncestors(const SdfLayerHandle& layer, const SdfPath& pa
 }
 
 Record Recorder::finish() {
-    std::vector<ScopeDifference> differences;
-    for (LayerScope& before : scopes_) {
-        LayerScope after = before.now();
-        ScopeDifference difference(std::move(before), std::move(after));
-        if (difference.isEmpty()) difference.dropContent();
-        differences.push_back(std::move(difference));
-    }
+    for (const auto& scope : scopes_)
+        if (scope) close(*scope);
     scopes_.clear();
     touched_.clear();
-    return Record(std::move(differences));
+    return Record(std::exchange(closed_, {}));
 }
 
 }  // namespace usdlive::content

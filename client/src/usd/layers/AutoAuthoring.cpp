@@ -4,6 +4,7 @@
 #include <pxr/usd/sdf/changeBlock.h>
 #include <pxr/usd/sdf/schema.h>
 
+#include <ranges>
 #include <utility>
 
 #include "DelegateWrites.h"
@@ -153,5 +154,33 @@ std::vector<RefusedEdit> AutoAuthoring::update(content::Recorder* recorder) {
     }
     return refused;
 }
+
+class Clearing::Impl {
+public:
+    Impl(AutoAuthoring& authoring, const std::vector<SdfPath>& specs, std::optional<double> time)
+        : delegate_(authoring.delegate_),
+          writes_(authoring.writes_),
+          distribution_(authoring.context_.stack, delegate_, SdfLayerHandle(), authoring.rules_) {
+        const DelegateWrites::Ignoring ignoring(*writes_);
+        for (const SdfPath& path : specs) lent_.push_back(distribution_.lend(path, time));
+    }
+    ~Impl() {
+        const DelegateWrites::Ignoring ignoring(*writes_);
+        for (const auto& lent : lent_ | std::views::reverse) distribution_.takeBack(lent, *writes_);
+    }
+
+private:
+    const pxr::SdfChangeBlock block_;
+    // The mode may end meanwhile.
+    const pxr::SdfLayerRefPtr delegate_;
+    const pxr::TfRefPtr<DelegateWrites> writes_;
+    Distribution distribution_;
+    std::vector<Distribution::Lent> lent_;
+};
+
+Clearing::Clearing(AutoAuthoring& authoring, const std::vector<SdfPath>& specs,
+                   std::optional<double> time)
+    : impl_(authoring.delegate_ ? std::make_unique<Impl>(authoring, specs, time) : nullptr) {}
+Clearing::~Clearing() = default;
 
 }  // namespace usdlive::layers

@@ -146,21 +146,16 @@ std::vector<RefusedEdit> Distribution::distribute(const DelegateWrites::Taken& t
 
 // ------------------------------------------------------------------ namespace
 
-// Removes a prim from all layers of the stack, because the user who removes it does not choose a
-// layer. Removes only the strongest opinion of a property.
 void Distribution::remove(const SdfPath& path) {
-    const Holders all = holdersOf(path);
-    if (all.empty()) return;
-    if (const auto locked = rules_.whyLocked(path)) return refuse(path, "", "", *locked);
-    if (!path.IsPropertyPath()) return removePrim(path, all);
-    if (all.front()->closed)
-        return refuse(path, "", all.front()->layer->GetIdentifier(), *all.front()->closed);
-    record(all.front()->layer, path, true);
-    removeSpec(all.front()->layer, path);
-    refresh(path, true);
+    path.IsPropertyPath() ? removeProperty(path) : removePrim(path);
 }
 
-void Distribution::removePrim(const SdfPath& path, const Holders& holders) {
+// Removes a prim from all layers of the stack, because the user who removes it does not choose a
+// layer.
+void Distribution::removePrim(const SdfPath& path) {
+    const Holders holders = holdersOf(path);
+    if (holders.empty()) return;
+    if (const auto locked = rules_.whyLocked(path)) return refuse(path, "", "", *locked);
     for (const Target* target : holders)
         if (target->closed)
             return refuse(path, "", target->layer->GetIdentifier(), *target->closed);
@@ -168,6 +163,27 @@ void Distribution::removePrim(const SdfPath& path, const Holders& holders) {
         record(target->layer, path, true);
         removeSpec(target->layer, path);
     }
+}
+
+// Removes only the strongest opinion of a property, or those in the layers that it is linked to.
+void Distribution::removeProperty(const SdfPath& path) {
+    auto places = placesOf(path);
+    if (places.empty()) return;
+    if (const auto locked = rules_.whyLocked(path)) return refuse(path, "", "", *locked);
+    if (const auto links = rules_.linkedLayers(path); links.empty())
+        places.resize(1);
+    else
+        std::erase_if(places, [&](const Place& place) {
+            return std::ranges::find(links, place.target->layer) == links.end();
+        });
+    for (const auto& [target, there, exists] : places)
+        if (target->closed)
+            return refuse(path, "", target->layer->GetIdentifier(), *target->closed);
+    for (const auto& [target, there, exists] : places) {
+        record(target->layer, there, true);
+        removeSpec(target->layer, there);
+    }
+    refresh(path, true);
 }
 
 // Usd.NamespaceEditor has moved the spec in all layers already. A direct rename of the delegate's
@@ -195,6 +211,27 @@ Distribution::Holders Distribution::holdersOf(const SdfPath& path) const {
     for (const auto& target : targets_)
         if (target.layer->HasSpec(path)) holders.push_back(&target);
     return holders;
+}
+
+// Returns the places with the spec, strong to weak: at the path itself, then in selected variants
+// of the stack, as far as no other arc is stronger.
+std::vector<Distribution::Place> Distribution::placesOf(const SdfPath& path) {
+    std::vector<Place> places;
+    for (const Target* target : holdersOf(path)) places.push_back({target, path, true});
+    const SdfPath prim = path.GetPrimPath();
+    if (path.ContainsPrimVariantSelection() || !mayHaveVariants(prim)) return places;
+    for (const auto& [site, foreign] : stack_.sites(prim)) {
+        const SdfPath there = path.ReplacePrefix(prim, site, false);
+        if (foreign) {
+            for (const auto& layer : foreign->GetLayers())
+                if (layer->HasSpec(there)) return places;
+            continue;
+        }
+        if (there == path) continue;
+        for (const auto& target : targets_)
+            if (target.layer->HasSpec(there)) places.push_back({&target, there, true});
+    }
+    return places;
 }
 
 std::optional<Distribution::Place> Distribution::strongest(const SdfPath& path,
@@ -296,6 +333,8 @@ void Distribution::planLinks(const Spec& spec, const std::vector<SdfLayerHandle>
 
 void Distribution::carryOut(const Planned& planned) {
     const auto& [spec, field, key, place] = planned;
+    if (!spec->created && !delegate_->HasField(spec->path, field->name))
+        maybeEmpty_.push_back(spec->path);
     if (place.target->closed) return refuse(*spec, *field, *place.target);
     record(place.target->layer, place.path);
     if (!key.IsEmpty()) return writeKey(planned);
@@ -506,6 +545,80 @@ void Distribution::refreshKeys(const SdfPath& path, const TfToken& field, const 
         }
         delegate_->SetFieldDictValueByKey(path, field, key, value);
     }
+}
+
+// ------------------------------------------------------------------ opinions to erase
+
+Distribution::Lent Distribution::lend(const SdfPath& path, std::optional<double> time) {
+    Lent lent{path, {}, {}, {}, {}};
+    const auto places = placesOf(path);
+    if (places.empty() || path == SdfPath::AbsoluteRootPath()) return lent;
+    for (const SdfPath& prefix : path.GetPrefixes())
+        if (lent.created.IsEmpty() && !delegate_->HasSpec(prefix)) lent.created = prefix;
+    if (!lent.created.IsEmpty() &&
+        !makeSpecLike(delegate_, path, places.front().target->layer, places.front().path))
+        return lent;
+    for (const Place& place : places)
+        for (const TfToken& field : place.target->layer->ListFields(place.path)) {
+            if (!time) {
+                lendField(lent, place, field);
+            } else if (field == names().samples && !lent.sample &&
+                       !delegate_->QueryTimeSample(path, *time)) {
+                delegate_->SetTimeSample(path, *time, VtValue(pxr::SdfValueBlock()));
+                lent.sample = time;
+            }
+        }
+    return lent;
+}
+
+// A block stands for values, which may be large.
+void Distribution::lendField(Lent& lent, const Place& place, const TfToken& field) {
+    const SdfPath& path = lent.path;
+    if (usd::isStructural(field) || field == names().specifier ||
+        (path.IsPropertyPath() && isRequiredOfProperties(field)))
+        return;
+    const bool isTyped = field != names().value && field != names().samples;
+    const VtValue value = isTyped ? place.target->layer->GetField(place.path, field) : VtValue();
+    if (value.IsHolding<pxr::VtDictionary>())
+        return lendKeys(lent, field, value.UncheckedGet<pxr::VtDictionary>());
+    if (delegate_->HasField(path, field)) return;
+    if (field == names().value)
+        delegate_->SetField(path, field, pxr::SdfValueBlock());
+    else if (field == names().samples)
+        delegate_->SetTimeSample(path, 0.0, VtValue(pxr::SdfValueBlock()));
+    else if (isListOp(value))
+        setListOp(delegate_, path, field, value);
+    else
+        delegate_->SetField(path, field, value);
+    lent.fields.push_back(field);
+}
+
+void Distribution::lendKeys(Lent& lent, const TfToken& field, const pxr::VtDictionary& dictionary) {
+    const auto mine = delegate_->GetField(lent.path, field).GetWithDefault<pxr::VtDictionary>();
+    const auto both = pxr::VtDictionaryOverRecursive(mine, dictionary);
+    std::vector<TfToken> keys;
+    collectKeys(both, "", keys);
+    for (const TfToken& key : keys)
+        if (!mine.GetValueAtPath(key.GetString())) lent.keys.emplace_back(field, key);
+    delegate_->SetField(lent.path, field, both);
+}
+
+void Distribution::takeBack(const Lent& lent, const DelegateWrites& writes) {
+    if (lent.sample) delegate_->EraseTimeSample(lent.path, *lent.sample);
+    for (const TfToken& field : lent.fields) {
+        if (isListOp(delegate_->GetField(lent.path, field)))
+            setListOp(delegate_, lent.path, field, {});
+        delegate_->EraseField(lent.path, field);
+    }
+    for (const auto& [field, key] : lent.keys)
+        delegate_->EraseFieldDictValueByKey(lent.path, field, key);
+    if (lent.created.IsEmpty()) return;
+    bool isWritten = false;
+    delegate_->Traverse(lent.created,
+                        [&](const SdfPath& path) { isWritten = isWritten || writes.has(path); });
+    if (isWritten) return;
+    if (lent.created.ContainsPrimVariantSelection()) return dropVariants(lent.created);
+    removeSpec(delegate_, lent.created);
 }
 
 // ------------------------------------------------------------------ refused edits

@@ -2,11 +2,13 @@
 #pragma once
 
 #include <pxr/base/tf/smallVector.h>
+#include <pxr/base/vt/dictionary.h>
 #include <pxr/usd/sdf/layer.h>
 
 #include <functional>
 #include <optional>
 #include <set>
+#include <utility>
 #include <vector>
 
 #include "DelegateWrites.h"
@@ -51,6 +53,21 @@ public:
     /// removed, also everything below.
     void refresh(const pxr::SdfPath& path, bool below);
 
+    /// Content that lend() has added to the delegate.
+    struct Lent {
+        pxr::SdfPath path;
+        pxr::SdfPath created;  ///< the first spec that was missing
+        std::vector<pxr::TfToken> fields;
+        std::vector<std::pair<pxr::TfToken, pxr::TfToken>> keys;  ///< a dictionary and its key
+        std::optional<double> sample;
+    };
+    /// Gives the delegate an opinion for each field of the spec that a layer has an opinion for, so
+    /// that it can be erased there. Values are placeholders and must not be composed. With `time`,
+    /// only for the sample at this time.
+    [[nodiscard]] Lent lend(const pxr::SdfPath& path, std::optional<double> time);
+    /// Removes what is left of it. Specs in `writes` stay, because distribute() needs them.
+    void takeBack(const Lent& lent, const DelegateWrites& writes);
+
 private:
     struct Target {
         pxr::SdfLayerHandle layer;
@@ -76,7 +93,8 @@ private:
     using Field = DelegateWrites::Field;
 
     void remove(const pxr::SdfPath& path);
-    void removePrim(const pxr::SdfPath& path, const Holders& holders);
+    void removePrim(const pxr::SdfPath& path);
+    void removeProperty(const pxr::SdfPath& path);
     void move(const pxr::SdfPath& from, const pxr::SdfPath& to);
     void planSpec(const Spec& spec);
     void planField(const Spec& spec, const Field& field, const Holders& holders);
@@ -93,6 +111,7 @@ private:
                                                  const pxr::TfToken& field, const Holders& holders);
     [[nodiscard]] std::optional<Place> strongestInVariants(const pxr::SdfPath& path,
                                                            const pxr::TfToken& field);
+    [[nodiscard]] std::vector<Place> placesOf(const pxr::SdfPath& path);
     [[nodiscard]] bool mayHaveVariants(const pxr::SdfPath& path);
     [[nodiscard]] Place placeFor(const pxr::SdfPath& path, const pxr::TfToken& field,
                                  const Holders& holders);
@@ -113,6 +132,8 @@ private:
     void refuse(const pxr::SdfPath& path, const std::string& field, const std::string& layer,
                 const LayerError& why);
     void takeBack(const Spec& spec, const Field& field);
+    void lendField(Lent& lent, const Place& place, const pxr::TfToken& field);
+    void lendKeys(Lent& lent, const pxr::TfToken& field, const pxr::VtDictionary& dictionary);
     void dropVariants(const pxr::SdfPath& path);
     void dropEmpty();
     void dropEmpty(const pxr::SdfPath& path);

@@ -260,6 +260,11 @@ class UsdContext:
             self._distribute()
             self._recorder = outer
 
+    @property
+    def recorder(self) -> Recorder | None:
+        """Not in Kit: the recorder of the command that runs."""
+        return self._recorder
+
     # -- queries
 
     def can_open_stage(self) -> bool:

@@ -142,6 +142,45 @@ TEST(Recorder, AnyRecordedEditIsUndoneExactly) {
     }
 }
 
+// A command removes, for example, a prim in which it has edited something before.
+TEST(Recorder, EditsOfScopesThatContainEarlierOnesAreUndoneExactly) {
+    for (unsigned seed = 0; seed < 200; ++seed) {
+        SCOPED_TRACE(seed);
+        std::mt19937 random(seed);
+        const auto layer = randomLayer(random);
+        for (const char* path : {"/A/B/C", "/A/B/A", "/A/C"}) define(layer, SdfPath(path));
+        const auto before = textOf(layer);
+        Recorder recorder;
+        for (const char* path : {"/A/C", "/A/B/C", "/A/B", "/A", "/"}) {
+            const SdfPath scope(path);
+            if (random() % 2 && layer->GetPrimAtPath(scope)) {
+                recorder.touch(layer, scope);
+                layer->SetField(scope, TfToken("comment"), VtValue(std::string("touched")));
+            }
+            recorder.touch(layer, scope, true);
+            for (int i = 0; i < 3 && layer->HasSpec(scope); ++i) {
+                const SdfPath child = scope.AppendChild(TfToken(random() % 2 ? "A" : "B"));
+                switch (random() % 4) {
+                    case 0:
+                        define(layer, child);
+                        break;
+                    case 1:
+                        setDefault(layer, child.AppendProperty(TfToken("x")), double(random() % 9));
+                        break;
+                    case 2:
+                        removeSpec(layer, child);
+                        break;
+                    default:
+                        if (scope != SdfPath::AbsoluteRootPath()) removeSpec(layer, scope);
+                }
+            }
+        }
+        const Record record = recorder.finish();
+        EXPECT_TRUE(record.undo(seed % 2 ? Record::IsShared(kShared) : kMine).empty());
+        EXPECT_EQ(textOf(layer), before);
+    }
+}
+
 // Two authors edit, one after the other; the first undoes. Registers that the second wrote keep
 // these values, and the others have their previous values.
 TEST(Recorder, AnUndoNeverWritesARegisterThatSomebodyElseWroteSince) {

@@ -344,4 +344,52 @@ TEST_F(AutoAuthoringTest, AFrameIsOneChangeOfTheLayers) {
     pxr::TfNotice::Revoke(copy);
 }
 
+// Sdf's own calls, as the ones of UsdStage: without an opinion in the delegate nothing is erased.
+TEST_F(AutoAuthoringTest, OpinionsThatWereNotEditedAreClearedWithinClearing) {
+    set(strong, "/A.x", 1);
+    set(weak, "/A.x", 2);
+    set(weak, "/A.y", 3);
+    weak->SetTimeSample(SdfPath("/A.y"), 1.0, 10.0);
+    weak->SetTimeSample(SdfPath("/A.y"), 2.0, 20.0);
+    weak->SetFieldDictValueByKey(SdfPath("/A"), pxr::SdfFieldKeys->CustomData, pxr::TfToken("k"),
+                                 pxr::VtValue(1));
+    const auto delegate = start();
+    const auto clearing = [&](const std::string& path, std::optional<double> time = {}) {
+        return Clearing(layers().autoAuthoring(), {SdfPath(path)}, time);
+    };
+    {
+        const auto nothing = clearing("/A.x");
+        EXPECT_TRUE(delegate->HasField(SdfPath("/A.x"), pxr::SdfFieldKeys->Default));
+    }
+    EXPECT_FALSE(has(delegate, "/A")) << "what is left is taken back";
+    {
+        const auto one = clearing("/A.x");
+        delegate->EraseField(SdfPath("/A.x"), pxr::SdfFieldKeys->Default);
+    }
+    {
+        const auto sample = clearing("/A.y", 1.0);
+        delegate->EraseTimeSample(SdfPath("/A.y"), 1.0);
+    }
+    {
+        const auto key = clearing("/A");
+        delegate->EraseFieldDictValueByKey(SdfPath("/A"), pxr::SdfFieldKeys->CustomData,
+                                           pxr::TfToken("k"));
+    }
+    EXPECT_EQ(get(strong, "/A.x"), 1) << "not before the frame";
+    frame();
+    EXPECT_FALSE(strong->HasField(SdfPath("/A.x"), pxr::SdfFieldKeys->Default));
+    EXPECT_EQ(get(weak, "/A.x"), 2) << "only the strongest opinion";
+    EXPECT_EQ(weak->ListTimeSamplesForPath(SdfPath("/A.y")), std::set<double>{2.0});
+    EXPECT_FALSE(weak->HasField(SdfPath("/A"), pxr::SdfFieldKeys->CustomData));
+    {
+        const auto property = clearing("/A.x");
+        content::removeSpec(delegate, SdfPath("/A.x"));
+    }
+    frame();
+    EXPECT_FALSE(has(strong, "/A.x"));
+    EXPECT_TRUE(has(weak, "/A.x"));
+    EXPECT_TRUE(layers().setEditMode(LayerEditMode::Normal));
+    const auto nothing = clearing("/A.x");
+}
+
 }  // namespace usdlive::layers

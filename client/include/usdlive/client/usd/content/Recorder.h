@@ -5,11 +5,11 @@
 #include <pxr/usd/sdf/layer.h>
 #include <pxr/usd/sdf/path.h>
 
+#include <cstddef>
 #include <functional>
 #include <map>
 #include <memory>
 #include <string>
-#include <unordered_map>
 #include <vector>
 
 #include "usdlive/client/usd/content/Registers.h"
@@ -75,13 +75,18 @@ public:
     [[nodiscard]] Record finish();
 
 private:
+    /// An open scope: the content of a path when it was touched.
+    struct Touched {
+        std::size_t index = 0;  ///< in scopes_
+        bool deep = false;
+    };
     [[nodiscard]] bool isTouched(const pxr::SdfLayerHandle& layer, const pxr::SdfPath& path,
                                  bool deep) const;
+    void close(const LayerScope& before);
 
-    std::vector<LayerScope> scopes_;
-    /// The paths of the scopes, and whether they are deep.
-    using Touched = std::unordered_map<pxr::SdfPath, bool, pxr::SdfPath::Hash>;
-    std::map<pxr::SdfLayerHandle, Touched> touched_;
+    std::vector<std::unique_ptr<LayerScope>> scopes_;  // null: closed
+    std::vector<ScopeDifference> closed_;
+    std::map<pxr::SdfLayerHandle, std::map<pxr::SdfPath, Touched>> touched_;
 };
 
 }  // namespace usdlive::content

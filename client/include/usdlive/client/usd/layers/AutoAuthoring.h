@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -58,6 +59,7 @@ public:
     void keepInPlace();
 
 private:
+    friend class Clearing;
     void followTime();
     void removeFromSession();
 
@@ -70,6 +72,29 @@ private:
     bool suspended_ = false;
     bool structureChanged_ = false;
     std::uint64_t stackRevision_ = 0;
+};
+
+/// Lets functions that clear or remove opinions work in the modes with a delegate.
+///
+/// UsdAttribute::Clear(), UsdObject::ClearMetadata(), UsdPrim::RemoveProperty() and the like only
+/// look into the edit target, which is the delegate, and that mirrors only what was edited. While
+/// this object lives, the delegate has opinions for all fields of the specs that a layer has
+/// opinions for. Those that are cleared meanwhile are distributed like other edits: the strongest
+/// opinion is cleared. Contains a change block. Does nothing in the normal mode. Make one with the
+/// path of the attribute before attribute.Clear().
+class Clearing {
+public:
+    /// `specs` are paths of the edit target. With `time`, only the samples at this time can be
+    /// cleared (UsdAttribute::ClearAtTime), whose cost does not depend on the other samples.
+    Clearing(AutoAuthoring& authoring, const std::vector<pxr::SdfPath>& specs,
+             std::optional<double> time = std::nullopt);
+    ~Clearing();
+    Clearing(const Clearing&) = delete;
+    Clearing& operator=(const Clearing&) = delete;
+
+private:
+    class Impl;
+    std::unique_ptr<Impl> impl_;
 };
 
 }  // namespace usdlive::layers

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import time
 import typing
@@ -226,6 +227,14 @@ class AutoAuthoring(_Distributing):
         native = self._native
         return bool(native) and native.is_auto_authoring_layer(layer_identifier)
 
+    def clearing(self, *specs: Sdf.Path | str, time: float | None = None) -> contextlib.AbstractContextManager[None]:
+        """Not in Kit: while it lasts, opinions of these prims and properties can be cleared and removed in the edit
+        target by functions that look only there. The strongest opinions of the layers are meant. Needed only for
+        functions that are written in C++; pxr's own `Clear*` and `RemoveProperty` do it themselves. With `time`,
+        only for the sample at this time."""
+        layers = self._layers()
+        return layers.clearing(specs, time) if self._native else contextlib.nullcontext()
+
     @property
     def refused_edits(self) -> list[RefusedEdit]:
         """Not in Kit: returns the edits that were taken back, with the reasons, oldest first."""
@@ -378,13 +387,7 @@ class Layers:
     def _enter_mode(self, native: "_usdlive.Layers", edit_mode: int) -> None:
         native.set_edit_mode(int(edit_mode))
         if native.edit_mode() != LayerEditMode.NORMAL:
-            this = weakref.ref(self)
-
-            def is_delegate(identifier: str) -> bool:
-                layers = this()
-                return layers is not None and layers.get_auto_authoring().is_auto_authoring_layer(identifier)
-
-            shadow_removal(self._stage, is_delegate)
+            shadow_removal(self._stage, self)
         else:
             unshadow_removal(self._stage)
 
@@ -485,6 +488,20 @@ class Layers:
         if native := self._native_layers():
             native.distribute(recorder.native if recorder else None)
             self._queue_events()
+
+    @contextlib.contextmanager
+    def clearing(self, specs: typing.Iterable[Sdf.Path | str], time: float | None = None) -> typing.Iterator[None]:
+        native = self._native
+        native.begin_clearing([str(spec) for spec in specs], time)
+        try:
+            yield
+        finally:
+            native.end_clearing()
+
+    def distribute_now(self) -> None:
+        """Distributes the edits before the frame, unless it is suspended. The command that runs records them."""
+        if self._native and not self._native.is_suspended():
+            self._distribute(getattr(self._context(), "recorder", None))
 
     def _drop(self) -> None:
         if not self._native:

@@ -1,28 +1,49 @@
-"""Replaces `stage.RemovePrim` in the edit modes with a delegate layer.
+"""Replaces functions of pxr that remove or clear opinions, for the edit modes with a delegate layer.
 
-`pxr.Usd` removes a prim from the layer of the edit target and returns False if that layer has no spec of it.
-The delegate has specs only for prims that were edited since the mode started. So the stage's `RemovePrim` is
-shadowed during the mode: the delegate gets a spec first, and its removal is distributed like that of any other.
+They look only into the layer of the edit target, and the delegate mirrors only what was edited since the mode
+started. So the delegate gets the opinions first that such a function may remove, and what was removed is distributed
+at once: what is read or defined next is as in the normal mode.
 """
 
+from __future__ import annotations
+
+import contextlib
+import functools
 import typing
 import weakref
 
-from pxr import Sdf, Usd
+from pxr import Sdf, Usd, UsdGeom, UsdShade
 
 
-def shadow_removal(stage: Usd.Stage, is_delegate: typing.Callable[[str], bool]) -> None:
-    """Shadows RemovePrim until unshadow_removal(). `is_delegate` says whether an identifier is that of the delegate
-    layer. Does not keep the stage alive."""
+class Delegating(typing.Protocol):
+    """The part of Layers that is used here."""
+
+    def clearing(self, specs: typing.Iterable[Sdf.Path | str],
+                 time: float | None = None) -> contextlib.AbstractContextManager[None]: ...
+    def distribute_now(self) -> None: ...
+
+
+#: The layers of the stages in such a mode, by the identifier of the delegate.
+_delegates: weakref.WeakValueDictionary[str, Delegating] = weakref.WeakValueDictionary()
+
+
+def shadow_removal(stage: Usd.Stage, layers: Delegating) -> None:
+    """Begins for the stage, whose edit target is the delegate. Does not keep the stage or `layers` alive. Keep the
+    stage's Python object: RemovePrim is replaced in it."""
+    _delegates[stage.GetEditTarget().GetLayer().identifier] = layers
+    _shadow_classes()
     this = weakref.ref(stage)
 
     def remove_prim(path: Sdf.Path | str) -> bool:
         stage = this()
-        target = stage.GetEditTarget().GetLayer()
+        delegating = _delegating(stage)
         with Sdf.ChangeBlock():
-            if is_delegate(target.identifier):
-                _mirror(target, stage, Sdf.Path(path))
-            return Usd.Stage.RemovePrim(stage, path)
+            if delegating:
+                _mirror(stage.GetEditTarget().GetLayer(), stage, Sdf.Path(path))
+            removed = Usd.Stage.RemovePrim(stage, path)
+        if delegating:
+            delegating.distribute_now()
+        return removed
 
     stage.RemovePrim = remove_prim
 
@@ -31,11 +52,63 @@ def unshadow_removal(stage: Usd.Stage) -> None:
     vars(stage).pop("RemovePrim", None)
 
 
+def _delegating(stage: Usd.Stage | None) -> Delegating | None:
+    layer = stage.GetEditTarget().GetLayer() if stage and _delegates else None
+    return _delegates.get(layer.identifier) if layer else None
+
+
 def _mirror(delegate: Sdf.Layer, stage: Usd.Stage, path: Sdf.Path) -> None:
-    """Creates a spec in the delegate for a prim that has none there yet."""
+    """Gives the delegate a spec of the prim whose removal is an edit. That of an empty `over` is ignored."""
     prim = stage.GetPrimAtPath(path) if path.IsAbsoluteRootOrPrimPath() else None
-    if (not prim or prim.IsPseudoRoot() or prim.IsInstanceProxy() or prim.IsInPrototype()
-            or delegate.GetPrimAtPath(prim.GetPath())):
+    if not prim or prim.IsPseudoRoot() or prim.IsInstanceProxy() or prim.IsInPrototype():
         return
-    # The removal of an empty `over` is ignored.
     Sdf.CreatePrimInLayer(delegate, prim.GetPath()).specifier = Sdf.SpecifierDef
+
+
+@functools.cache
+def _shadow_classes() -> None:
+    """Replaces the functions once for the process. They cost little more where no delegate is the edit target."""
+    for module in (Usd, UsdGeom, UsdShade):
+        for kind in vars(module).values():
+            if isinstance(kind, type) and (hasattr(kind, "GetPrim") or kind is Usd.AttributeLimits):
+                for name in [name for name in vars(kind) if _removes(name)]:
+                    _shadow(kind, name)
+
+
+def _removes(name: str) -> bool:
+    return name.startswith("Clear") or name in ("RemoveProperty", "RemovePrimvar", "ResetCollection")
+
+
+def _shadow(kind: type, name: str) -> None:
+    shadowed = vars(kind)[name]
+    is_static = isinstance(shadowed, staticmethod)
+    original = shadowed.__func__ if is_static else shadowed
+
+    @functools.wraps(original)
+    def remove(*arguments: typing.Any, **named: typing.Any) -> typing.Any:
+        part = arguments[0].GetAttribute() if kind is Usd.AttributeLimits else arguments[0]
+        stage = part.GetPrim().GetStage() if part and hasattr(part, "GetPrim") and part.GetPrim() else None
+        if not (delegating := _delegating(stage)):
+            return original(*arguments, **named)
+        argument = next(iter((*arguments[1:], *named.values())), None)
+        time = Usd.TimeCode(argument) if name == "ClearAtTime" and argument is not None else Usd.TimeCode.Default()
+        specs = map(stage.GetEditTarget().MapToSpecPath, _paths(part, name, argument))
+        with delegating.clearing(filter(None, specs), None if time.IsDefault() else time.GetValue()):
+            result = original(*arguments, **named)
+        delegating.distribute_now()
+        return result
+
+    setattr(kind, name, staticmethod(remove) if is_static else remove)
+
+
+def _paths(part: typing.Any, name: str, argument: typing.Any) -> list[Sdf.Path]:
+    """Returns the paths of the prims and properties that the function may change."""
+    if isinstance(part, Usd.Property):
+        return [part.GetPath()]
+    if name == "RemoveProperty":
+        return [part.GetPath().AppendProperty(argument)] if argument else []
+    if hasattr(part, "GetAttr"):  # UsdShade.Input and the like
+        return [part.GetAttr().GetPath()]
+    prim = part.GetPrim()
+    schema = isinstance(part, Usd.SchemaBase)
+    return [prim.GetPath(), *(one.GetPath() for one in prim.GetAuthoredProperties() if schema)]
