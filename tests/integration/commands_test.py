@@ -1353,7 +1353,7 @@ class EditCommand(commands.RecordedCommand):
         own = stage.DefinePrim(f"/World/Box/{dice.choice('ABC')}", "Xform")
         ball, number = stage.GetPrimAtPath("/World/Ball"), dice.random()
         old = stage.GetPrimAtPath("/World/Box/Old/Below")
-        action = dice.randrange(15)
+        action = dice.randrange(17)
         if action == 0:
             ball.GetAttribute("mass").Set(number)  # from a reference of a weak layer
         elif action == 1:
@@ -1382,6 +1382,12 @@ class EditCommand(commands.RecordedCommand):
             old.ClearCustomDataByKey("k") if dice.random() < 0.5 else old.ClearCustomData()
         elif action == 13 and old:
             old.GetRelationship("r").ClearTargets(dice.random() < 0.5)
+        elif action == 14:
+            stage.RemovePrim("/World/Box/Old")
+            stage.DefinePrim("/World/Box/Old").CreateAttribute("again", Sdf.ValueTypeNames.Double).Set(number)
+        elif action == 15 and old:
+            old.RemoveProperty("a")
+            old.CreateAttribute("a", Sdf.ValueTypeNames.Int).SetDocumentation(f"again {number}")
         elif old:
             old.ClearMetadata("comment") if dice.random() < 0.5 else old.GetReferences().ClearReferences()
 
@@ -1444,7 +1450,7 @@ def steps_of(context, mode, seed):
     return seen
 
 
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("seed", range(int(os.environ.get("USDLIVE_COMMAND_SEEDS", "40"))))
 @pytest.mark.parametrize("mode", [LayerEditMode.AUTO_AUTHORING, LayerEditMode.SPECS_LINKING])
 def test_any_command_is_undone_as_in_the_normal_mode(mode, seed, folder, tmp_path_factory, edits):
     copy = tmp_path_factory.mktemp("copy")
@@ -1458,6 +1464,24 @@ def test_any_command_is_undone_as_in_the_normal_mode(mode, seed, folder, tmp_pat
     for step, (found, normal) in enumerate(zip(seen[1], seen[0])):
         plain = {path: str(value).replace(str(copy), str(folder)) for path, value in found.items()}
         assert plain == {path: str(value) for path, value in normal.items()}, step
+
+
+@pytest.mark.parametrize("mode", [LayerEditMode.AUTO_AUTHORING, LayerEditMode.SPECS_LINKING])
+def test_a_prim_is_removed_and_defined_again_in_one_command(ctx, stage, layer, mode):
+    class RenewCommand(commands.RecordedCommand):
+        def edit(self, recorder):
+            assert self.stage.RemovePrim("/World/Ball") and not self.stage.GetPrimAtPath("/World/Ball")
+            self.stage.DefinePrim("/World/Ball", "Sphere").CreateAttribute("radius", Sdf.ValueTypeNames.Double)
+
+    get_layers(ctx).set_edit_mode(mode)
+    commands.register(RenewCommand)
+    with Undone(stage):
+        run("Renew")
+        renewed = layer("root").GetPrimAtPath("/World/Ball")
+        assert renewed.typeName == "Sphere" and list(renewed.properties.keys()) == ["radius"]
+        assert not layer("strong").GetPrimAtPath("/World/Ball") and not layer("weak").GetPrimAtPath("/World/Ball")
+        assert stage.GetAttributeAtPath("/World/Ball.radius").Get() == 1  # the fallback of the schema
+    commands.unregister(RenewCommand)
 
 
 @pytest.mark.parametrize("suspended", [False, True])
