@@ -1215,6 +1215,7 @@ def test_redo_does_not_delete_what_another_one_has_written_since(live, writes):
 def test_undo_and_redo_change_only_what_one_has_written_last(seed, live, writes):
     """The oracle knows for each attribute of each layer its value, and in which order both have written it."""
     context, ada = live
+    get_layers(context).set_edit_mode(list(LayerEditMode)[seed % 3])
     dice = random.Random(seed)
     layers = {one.GetDisplayName(): one for one in context.get_stage().GetLayerStack(False)}
     paths = [(layer, f"/World/{prim}.{name}") for layer in ("root.usda", "strong.usda")
@@ -1236,7 +1237,7 @@ def test_undo_and_redo_change_only_what_one_has_written_last(seed, live, writes)
         assert result and kept <= {(os.path.basename(one.layer), one.path) for one in result.kept}
 
     for now in range(1, 40):
-        action = dice.choice(["do", "undo", "redo", "colleague", "colleague"])
+        action = dice.choice(["do", "undo", "redo", "colleague", "colleague", "rename"])
         if action == "do":
             written = {path: dice.choice([1.0, 2.0, None]) for path in dice.sample(paths, 2)}
             write(context, ada, lambda _, w=written: [number(layers[layer], path, value)
@@ -1254,6 +1255,11 @@ def test_undo_and_redo_change_only_what_one_has_written_last(seed, live, writes)
                 before = value
             colleague(context, ada, *(f"number({path[1]!r}, {value}, layer({path[0]!r}))" for value in new))
             values[path] = new[-1]
+        elif action == "rename":  # away and back: the values are still theirs or one's own
+            name, at = dice.choice(["Ball", "New"]), dice.choice(["root.usda", "strong.usda"])
+            if layers[at].GetPrimAtPath(f"/World/{name}"):
+                colleague(context, ada, f"layer({at!r}).GetPrimAtPath('/World/{name}').name = 'Other'",
+                          f"layer({at!r}).GetPrimAtPath('/World/Other').name = {name!r}")
         elif action == "undo" and done:
             when, written, replaced = done.pop()
             undone.append((when, written))
@@ -1330,6 +1336,28 @@ def test_a_live_layer_gets_a_new_layer_that_everybody_has(live, caplog, tmp_path
     refused(caplog, "CreateSublayer", "cannot be created", new_layer_path=str(tmp_path.parent / "own.usda"), **arguments)
     assert undo.undo("test") and "new.usda" not in synced(context, ada)["root.usda"]
     assert undo.redo("test") and "@./fx/new.usda@" in synced(context, ada)["root.usda"]
+
+
+@pytest.mark.parametrize("transfer", [False, True])
+def test_a_new_layer_in_which_another_one_has_worked_stays(live, transfer):
+    context, ada = live
+    root = context.get_stage().GetRootLayer()
+    identifier = run("CreateSublayer", layer_identifier=root.identifier, sublayer_position=0, create_or_insert=True,
+                     new_layer_path="fx/new.usda", transfer_root_content=transfer)
+    synced(context, ada)
+    ada.run("made = layer('fx/new.usda')\n"
+            "assert live.wait(lambda: made in stage.GetLayerStack() and made.permissionToEdit, 20)\n"
+            "Sdf.CreatePrimInLayer(made, '/Hers').specifier = Sdf.SpecifierDef")
+    ada.flush()
+    synced(context, ada)
+    before = texts(context.get_stage())
+    for _ in range(2):
+        changed_back(undo.undo("test"), [("/", None)])
+        synced(context, ada)
+        assert texts(context.get_stage()) == before and context.get_stage().GetPrimAtPath("/Hers")
+        changed_back(undo.redo("test"), [])
+        assert texts(context.get_stage()) == before
+    assert Sdf.Layer.Find(identifier).GetPrimAtPath("/Hers")
 
 
 # -- commands in the modes that distribute edits
@@ -1464,6 +1492,98 @@ def test_any_command_is_undone_as_in_the_normal_mode(mode, seed, folder, tmp_pat
     for step, (found, normal) in enumerate(zip(seen[1], seen[0])):
         plain = {path: str(value).replace(str(copy), str(folder)) for path, value in found.items()}
         assert plain == {path: str(value) for path, value in normal.items()}, step
+
+
+def ball_or_box(dice):
+    return dice.choice(["/World/Ball", "/World/Box", "/World/Box/Old"])
+
+
+#: The arguments of each of our commands. `at` has the paths of the layers by name.
+ARGUMENTS = {
+    "SetEditTarget": lambda dice, at: dict(layer_identifier=at[dice.choice(["strong", "weak"])]),
+    "CreateSublayer": lambda dice, at: dict(
+        layer_identifier=at[dice.choice(["root", "weak"])], sublayer_position=dice.choice([0, 1, -1]),
+        new_layer_path=at["new"], transfer_root_content=dice.random() < 0.5,
+        create_or_insert=True, layer_name=dice.choice(["", "name"])),
+    "RemoveSublayer": lambda dice, at: dict(layer_identifier=at["root"], sublayer_position=dice.choice([0, 1])),
+    "ReplaceSublayer": lambda dice, at: dict(layer_identifier=at["root"], sublayer_position=dice.choice([0, 1]),
+                                             new_layer_path=at["prop"]),
+    "MoveSublayer": lambda dice, at: dict(
+        from_parent_layer_identifier=at["root"], from_sublayer_position=0, to_sublayer_position=-1,
+        to_parent_layer_identifier=at[dice.choice(["root", "weak"])], remove_source=True),
+    "MergeLayers": lambda dice, at: dict(
+        dst_parent_layer_identifier=at["root"], src_parent_layer_identifier=at["root"],
+        dst_layer_identifier=at["strong"], src_layer_identifier=at["weak"], dst_stronger_than_src=dice.random() < 0.5),
+    "FlattenLayers": lambda dice, at: {},
+    "CreateLayerReference": lambda dice, at: dict(
+        layer_identifier=at[dice.choice(["root", "strong"])], path_to=dice.choice(["/World/New", "/World/Ball"]),
+        asset_path=dice.choice([None, at["prop"]]), prim_path=dice.choice([None, "/Prop"])),
+    "RemovePrimSpec": lambda dice, at: dict(
+        layer_identifier=at["root"], prim_spec_path=dice.choice(["/World/Ball", ["/World/Box", "/World/Ball"]])),
+    "StitchPrimSpecsToLayer": lambda dice, at: dict(
+        prim_paths=[ball_or_box(dice)], target_layer_identifier=at[dice.choice(["root", "strong", "weak"])]),
+    "MovePrimSpecsToLayer": lambda dice, at: dict(
+        dst_layer_identifier=at[dice.choice(["strong", "weak"])], src_layer_identifier=at["root"],
+        prim_spec_path=ball_or_box(dice), dst_stronger_than_src=dice.random() < 0.5),
+    "SetLayerMuteness": lambda dice, at: dict(layer_identifier=at[dice.choice(["strong", "weak"])], muted=True),
+    "LockLayer": lambda dice, at: dict(layer_identifier=at[dice.choice(["strong", "weak"])], locked=True),
+    "LinkSpecs": lambda dice, at: dict(spec_paths=ball_or_box(dice), hierarchy=dice.random() < 0.5,
+                                       layer_identifiers=at[dice.choice(["strong", "weak"])]),
+    "UnlinkSpecs": lambda dice, at: dict(spec_paths="/World/Box", layer_identifiers=at["root"]),
+    "LockSpecs": lambda dice, at: dict(spec_paths="/World/Cone", hierarchy=dice.random() < 0.5),
+    "UnlockSpecs": lambda dice, at: dict(spec_paths="/World/Below"),
+    "MovePrim": lambda dice, at: dict(
+        path_from=ball_or_box(dice), path_to=dice.choice(["/World/Moved", "/World/Cone/Moved"]),
+        destructive=dice.random() < 0.7, keep_world_transform=dice.random() < 0.5),
+    "ReorderPrim": lambda dice, at: dict(prim_path=ball_or_box(dice), position=dice.choice([0, 1, -1])),
+}
+
+
+def results_of(context, mode, name, seed):
+    """Does, undoes and does again one command, with a colleague in between. Returns after each step the composed
+    stage, the layers, and what was kept."""
+    stage, dice, seen = in_mode(context, mode), random.Random(seed), []
+    at = {os.path.splitext(one.GetDisplayName())[0]: one.identifier for one in stage.GetLayerStack(False)}
+    folder = os.path.dirname(at["root"])
+    at |= {"new": f"{folder}/new.usda", "prop": f"{folder}/props/prop.usda"}
+    # A layer that the command creates is not one of a project.
+    context.is_live_layer = lambda one: name != "CreateSublayer"
+    get_layers(context).get_specs_linking().link_spec("/World/Box", at["root"])
+    get_layers(context).get_specs_locking().lock_spec("/World/Below")
+    argument = "stage_or_context" if name in ("MovePrim", "ReorderPrim") else "usd_context"
+
+    def step(result):
+        app.get_app().update()
+        kept = sorted((str(one).replace(folder, ""), one.reason) for one in getattr(result, "kept", ()))
+        content = {key.replace(folder, ""): text.replace(folder, "") for key, text in texts(stage).items()
+                   if not key.startswith("anon:")}
+        shown = {path: str(value).replace(folder, "") for path, value in composed(stage).items()}
+        seen.append((bool(result), kept, content, shown, set(one.replace(folder, "") for one in stage.GetMutedLayers())))
+
+    step(commands.execute(name, **{argument: context}, **ARGUMENTS[name](dice, at))[0])
+    for action in (undo.undo, undo.redo, undo.undo, undo.redo, undo.undo):
+        if len(seen) > 3:
+            change_as_a_colleague(stage, dice)
+        step(action(context))
+    return seen
+
+
+@pytest.mark.parametrize("seed", range(int(os.environ.get("USDLIVE_COMMAND_SEEDS", "3"))))
+@pytest.mark.parametrize("name", ARGUMENTS)
+def test_each_command_gives_the_same_layers_in_every_mode(name, seed, folder, tmp_path_factory):
+    assert {one for one in commands.get_commands() if not one.startswith("Abstract")} <= {*ARGUMENTS}
+    seen = []
+    for mode in LayerEditMode:
+        copy = tmp_path_factory.mktemp("copy")
+        shutil.copytree(folder, copy, dirs_exist_ok=True)
+        context = omni_usd.create_context(mode.name)
+        assert context.open_stage(str(copy / "root.usda"))
+        seen.append(results_of(context, mode, name, seed))
+        omni_usd.destroy_context(mode.name)
+    for found in seen[1:]:
+        for step, (one, normal) in enumerate(zip(found, seen[0])):
+            for part, wanted in zip(one, normal):
+                assert part == wanted, step
 
 
 @pytest.mark.parametrize("mode", [LayerEditMode.AUTO_AUTHORING, LayerEditMode.SPECS_LINKING])

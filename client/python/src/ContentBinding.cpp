@@ -99,6 +99,8 @@ void bindRecorder(nb::module_& module) {
     nb::class_<Record>(module, "Record")
         .def(nb::init<>())
         .def("is_empty", &Record::isEmpty)
+        .def("is_followed",
+             [](const Record& self, Text layer) { return self.isFollowed(layerOf(layer)); })
         .def("layers", &identifiers)
         .def("undo", &undo)
         .def("keep_others", &keepOthers);

@@ -430,7 +430,11 @@ void Client::Impl::arrived(const LayerId& id, const LayerDoc& snapshot) {
 }
 
 void Client::Impl::reset(const LayerId& id, const LayerDoc& doc) {
-    if (LiveLayer* live = layers_.find(id)) live->reset(doc);
+    LiveLayer* const live = layers_.find(id);
+    if (!live) return;
+    live->reset(doc);
+    if (const auto writes = content::OthersWrites::find(live->layer()))
+        writes->missed(session_.revision());
 }
 
 void Client::Impl::apply(const LayerId& id, const std::string& path, const EditAction& action) {

@@ -66,6 +66,10 @@ class Record:
         returns the rest. In other layers, restores the earlier state regardless of later edits."""
         return [Kept(*kept) for kept in self._record.undo(self._shared(is_shared))]
 
+    def is_followed(self, layer: Sdf.Layer) -> bool:
+        """Returns whether another user has written the layer, which was touched, since the edits."""
+        return self._record.is_followed(layer.identifier)
+
     def keep_others(self, earlier: Record, is_shared: typing.Callable[[Sdf.Layer], bool]) -> list[Kept]:
         """Call it when these edits are those of `earlier`, made again. Reverts those where somebody else has
         written in a shared layer since `earlier`, and returns them."""

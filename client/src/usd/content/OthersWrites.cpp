@@ -2,8 +2,12 @@
 #include "usd/content/OthersWrites.h"
 
 #include <algorithm>
+#include <array>
+#include <charconv>
 #include <mutex>
 #include <optional>
+#include <string_view>
+#include <unordered_map>
 #include <utility>
 #include <variant>
 #include <vector>
@@ -32,7 +36,9 @@ std::string keyOf(const std::string& field, const std::vector<std::string>& keys
 }
 
 std::string keyOf(const std::string& field, double time) {
-    return keyOf(field, {std::to_string(time)});
+    std::array<char, 32> text{};  // the shortest text of exactly this time
+    const auto end = std::to_chars(text.data(), text.data() + text.size(), time + 0.0).ptr;
+    return keyOf(field, {std::string(text.data(), end)});
 }
 
 // Returns nothing for an item of a list: ListMerge keeps the items of others.
@@ -82,9 +88,28 @@ void OthersWrites::note(const Edit& edit, Revision revision) {
     last_ = revision;
     const auto key = keyOf(edit.action);
     if (!key) return;
+    if (const auto* move = std::get_if<MoveSpec>(&edit.action)) {
+        const auto to = client::destination(edit.address.path, *move);
+        follow(edit.address.path, to);
+        noteAt(to, "", revision);
+    }
     noteAt(edit.address.path, *key, revision);
-    if (const auto* move = std::get_if<MoveSpec>(&edit.action))
-        noteAt(client::destination(edit.address.path, *move), "", revision);
+}
+
+// Moves the notes of a spec and of everything below it.
+void OthersWrites::follow(const std::string& from, const std::string& to) {
+    std::vector<std::pair<std::string, Registers>> moved;
+    for (auto spec = specs_.lower_bound(from);
+         spec != specs_.end() && spec->first.starts_with(from);) {
+        const auto rest = std::string_view(spec->first).substr(from.size());
+        if (!rest.empty() && rest[0] != '/' && rest[0] != '.' && rest[0] != '{') {
+            ++spec;
+            continue;
+        }
+        moved.emplace_back(to + std::string(rest), std::move(spec->second));
+        spec = specs_.erase(spec);
+    }
+    for (auto& [path, registers] : moved) specs_.insert_or_assign(path, std::move(registers));
 }
 
 void OthersWrites::noteAt(const std::string& path, std::string key, Revision revision) {
@@ -97,6 +122,8 @@ void OthersWrites::noteAt(const std::string& path, std::string key, Revision rev
 }
 
 void OthersWrites::noteOwn(const Edit& edit, Revision base) {
+    if (const auto* move = std::get_if<MoveSpec>(&edit.action))
+        return follow(edit.address.path, client::destination(edit.address.path, *move));
     const auto key = keyOf(edit.action);
     const auto spec = specs_.find(edit.address.path);
     // Creating a spec that exists changes nothing (M2).

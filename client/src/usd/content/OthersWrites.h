@@ -8,7 +8,6 @@
 #include <map>
 #include <memory>
 #include <string>
-#include <unordered_map>
 
 #include "usdlive/client/usd/content/Registers.h"
 #include "usdlive/common/layer/Edit.h"
@@ -35,6 +34,10 @@ public:
     /// it, so that this client is the last writer.
     void noteOwn(const Edit& edit, Revision base);
 
+    /// Notes that the layer was joined again at `revision`, without the commits before it. Nobody
+    /// knows what others have written meanwhile.
+    void missed(Revision revision) { missed_ = last_ = revision; }
+
     /// The last revision in which another client has written the layer.
     [[nodiscard]] Revision last() const { return last_; }
     /// Returns whether others have created, deleted or moved the spec after `revision`.
@@ -44,17 +47,22 @@ public:
     /// Returns whether others have written the register, or created its spec, after `revision`.
     [[nodiscard]] bool wroteRegister(const Change& change, Revision revision) const;
 
+    /// Returns whether commits after `revision` were not noted.
+    [[nodiscard]] bool hasMissed(Revision revision) const { return missed_ > revision; }
+
 private:
     using Registers = std::map<std::string, Revision>;  // by field and part; "": the spec itself
 
+    void follow(const std::string& from, const std::string& to);
     void noteAt(const std::string& path, std::string key, Revision revision);
     [[nodiscard]] bool wrote(const pxr::SdfPath& path, const std::string& key,
                              Revision revision) const;
 
-    std::unordered_map<std::string, Registers> specs_;
+    std::map<std::string, Registers> specs_;
     std::size_t count_ = 0;
     Revision all_ = 0;  // others count as writers of everything up to here
     Revision last_ = 0;
+    Revision missed_ = 0;
 };
 
 }  // namespace usdlive::content

@@ -9,6 +9,7 @@
 #include <map>
 #include <ranges>
 #include <set>
+#include <tuple>
 #include <unordered_map>
 #include <utility>
 
@@ -99,10 +100,15 @@ public:
     [[nodiscard]] const SdfLayerRefPtr& layer() const { return before_.layer; }
     /// `force` ignores later edits by others.
     void undo(bool force, std::vector<Kept>& kept) const;
-    /// Reverts edits of registers and specs that others have written after `written`.
-    void keepOthers(std::vector<Kept>& kept) const;
+    /// Reverts edits of registers and specs that others have written after written().
+    /// `replaced` are the values that the earlier edits replaced.
+    using Replaced = std::map<std::tuple<SdfPath, TfToken, Part>, VtValue>;
+    void keepOthers(const Replaced& replaced, std::vector<Kept>& kept) const;
+    void addReplaced(Replaced& replaced) const;
     [[nodiscard]] Revision written() const { return written_; }
     void setWritten(Revision written) { written_ = written; }
+    /// Returns whether others have written the layer after written().
+    [[nodiscard]] bool isFollowed() const { return after_.others->last() > written_; }
 
 private:
     // Return the reason why something was not undone, or an empty text on success.
@@ -148,10 +154,23 @@ void ScopeDifference::dropContent() {
     }
 }
 
-void ScopeDifference::keepOthers(std::vector<Kept>& kept) const {
+void ScopeDifference::addReplaced(Replaced& replaced) const {
+    for (const Change& change : changes_)
+        replaced.try_emplace({change.path, change.field, change.part}, change.before);
+}
+
+void ScopeDifference::keepOthers(const Replaced& replaced, std::vector<Kept>& kept) const {
     const std::string& id = layer()->GetIdentifier();
+    // The undo of the earlier edits has restored what they replaced. If something else was there,
+    // and commits were missed, others have written it.
+    const auto isOther = [&](const Change& change) {
+        const auto found = replaced.find({change.path, change.field, change.part});
+        return found != replaced.end() && !isSame(found->second, change.before);
+    };
+    const bool hasMissed = after_.others->hasMissed(written_);
     for (const Change& change : changes_) {
-        if (!after_.others->wroteRegister(change, written_)) continue;
+        if (!after_.others->wroteRegister(change, written_) && !(hasMissed && isOther(change)))
+            continue;
         write(change, change.before);
         kept.push_back({id, change.path, change.field, change.part, kWrittenSince});
     }
@@ -287,6 +306,12 @@ std::vector<SdfLayerHandle> Record::layers() const {
     return layers;
 }
 
+bool Record::isFollowed(const SdfLayerHandle& layer) const {
+    return std::ranges::any_of(*differences_, [&](const ScopeDifference& difference) {
+        return SdfLayerHandle(difference.layer()) == layer && difference.isFollowed();
+    });
+}
+
 std::vector<Kept> Record::undo(const IsShared& isShared) const {
     const pxr::SdfChangeBlock block;
     std::vector<Kept> kept;
@@ -297,8 +322,11 @@ std::vector<Kept> Record::undo(const IsShared& isShared) const {
 
 std::vector<Kept> Record::keepOthers(const Record& earlier, const IsShared& isShared) {
     std::map<SdfLayerHandle, Revision> written;
-    for (const auto& difference : *earlier.differences_)
+    std::map<SdfLayerHandle, ScopeDifference::Replaced> replaced;
+    for (const auto& difference : *earlier.differences_) {
         written.emplace(difference.layer(), difference.written());
+        difference.addReplaced(replaced[difference.layer()]);
+    }
     const pxr::SdfChangeBlock block;
     std::vector<Kept> kept;
     auto differences = *differences_;
@@ -306,7 +334,7 @@ std::vector<Kept> Record::keepOthers(const Record& earlier, const IsShared& isSh
         const auto since = written.find(difference.layer());
         if (since == written.end() || !isShared(difference.layer())) continue;
         difference.setWritten(since->second);
-        difference.keepOthers(kept);
+        difference.keepOthers(replaced.at(difference.layer()), kept);
     }
     *this = Record(std::move(differences));
     return kept;

@@ -10,6 +10,7 @@ from usdlive import NamespaceEditor
 from usdlive.omni import _layer_content
 from usdlive.omni._registers import Kept, Recorder, arrange, children_of, hold
 from usdlive.omni.kit.commands import CommandFailed, RecordedCommand
+from usdlive.omni.kit.usd.layers import active_authoring_layer_context
 
 from ._context import UsdContext
 
@@ -18,8 +19,8 @@ _OnMove = typing.Callable[[Sdf.Path, Sdf.Path], typing.Any]
 
 class MovePrimCommand(RecordedCommand):
     """`destructive` moves the prim in all local layers and adjusts all paths to it. Undo moves it back and
-    keeps later edits of others. Otherwise the opinions of the local layers are copied to the edit target under
-    the new path, and the old prim is deactivated there."""
+    keeps later edits of others. Otherwise the opinions of the local layers are copied to the edit target (in auto
+    authoring to the default layer) under the new path, and the old prim is deactivated."""
 
     def __init__(self, path_from: str | Sdf.Path, path_to: str | Sdf.Path,
                  time_code: Usd.TimeCode | None = None, keep_world_transform: bool = True,
@@ -80,7 +81,9 @@ class MovePrimCommand(RecordedCommand):
             raise CommandFailed(f"{source} cannot be moved to {target}: {editor.GetResult().whyNot}")
 
     def _copy(self, recorder: Recorder) -> None:
-        stage, target = self.stage, self.stage.GetEditTarget().GetLayer()
+        stage = self.stage
+        with active_authoring_layer_context(self.context):
+            target = stage.GetEditTarget().GetLayer()  # a delegate has no folder for relative paths
         if stage.GetPrimAtPath(self._to):
             raise CommandFailed(f"there is a prim {self._to} already")
         to_target = stage.GetEditTargetForLocalLayer(target).GetMapFunction().timeOffset.GetInverse()
@@ -93,9 +96,7 @@ class MovePrimCommand(RecordedCommand):
         for path in (self._to, self._from):
             recorder.touch_with_ancestors(target, path)
         _layer_content.merge_prim_spec(target, content, self._from, target_prim_path=self._to)
-        with Sdf.ChangeBlock():
-            old = target.GetPrimAtPath(self._from) or Sdf.CreatePrimInLayer(target, self._from)
-            old.active = False
+        stage.GetPrimAtPath(self._from).SetActive(False)
         if self._resolve:
             _layer_content.resolve_prim_path_references(target, self._from, self._to)
 

@@ -72,6 +72,63 @@ TEST_F(OthersWritesTest, ASpecThatWasMovedIsChangedAtBothPlaces) {
     EXPECT_TRUE(others->wroteRegister(change("/C/D", "comment"), 2));
 }
 
+TEST_F(OthersWritesTest, NotesFollowASpecThatIsMoved) {
+    const auto move = [](const std::string& from, const std::string& name) {
+        return Edit{LayerId{"a.usda"}, {from, {}}, MoveSpec{{"/", {}}, name}};
+    };
+    others->note(set("/A/B.x", "default"), 2);
+    others->note(set("/A.x", "default"), 2);
+    others->note(set("/A{v=p}B", "comment"), 2);
+    others->note(set("/AB.x", "default"), 2);
+    others->note(move("/A", "C"), 3);
+    EXPECT_TRUE(others->wroteRegister(change("/C/B.x", "default"), 1));
+    EXPECT_TRUE(others->wroteRegister(change("/C.x", "default"), 1));
+    EXPECT_TRUE(others->wroteRegister(change("/C{v=p}B", "comment"), 1));
+    EXPECT_FALSE(others->wroteRegister(change("/A/B.x", "default"), 1));
+    EXPECT_TRUE(others->wroteRegister(change("/AB.x", "default"), 1));
+    others->noteOwn(move("/C", "A"), 3);
+    EXPECT_TRUE(others->wroteRegister(change("/A/B.x", "default"), 1));
+    EXPECT_FALSE(others->wroteRegister(change("/C/B.x", "default"), 1));
+}
+
+TEST_F(OthersWritesTest, TimesAreExact) {
+    others->note(set("/A.x", "timeSamples", SampleTime{1.0}), 5);
+    others->note(set("/A.x", "timeSamples", SampleTime{0.0}), 5);
+    EXPECT_FALSE(others->wroteRegister(change("/A.x", "timeSamples", 1.0000000001), 4));
+    EXPECT_TRUE(others->wroteRegister(change("/A.x", "timeSamples", 1.0), 4));
+    EXPECT_TRUE(others->wroteRegister(change("/A.x", "timeSamples", -0.0), 4));
+}
+
+// The layer was joined again from a snapshot while it had what the undo restored, or something
+// else.
+TEST_F(OthersWritesTest, RedoLeavesWhatOthersHaveWrittenWhileCommitsWereMissed) {
+    const pxr::SdfPath x("/A.x"), y("/A.y");
+    const pxr::TfToken field("default");
+    for (const auto& path : {x, y}) {
+        pxr::SdfJustCreatePrimAttributeInLayer(layer, path, pxr::SdfValueTypeNames->Double);
+        layer->SetField(path, field, 0.0);
+    }
+    const auto edit = [&] {
+        Recorder recorder;
+        recorder.touch(layer, pxr::SdfPath("/A"), true);
+        for (const auto& path : {x, y}) layer->SetField(path, field, 1.0);
+        return recorder.finish();
+    };
+    const Record::IsShared shared = [](const auto&) { return true; };
+    Record first = edit();
+    EXPECT_FALSE(first.isFollowed(layer));
+    EXPECT_TRUE(first.undo(shared).empty());
+    layer->SetField(x, field, 7.0);
+    others->missed(9);
+    EXPECT_TRUE(first.isFollowed(layer));
+    Record again = edit();
+    const auto kept = again.keepOthers(first, shared);
+    ASSERT_EQ(kept.size(), 1u);
+    EXPECT_EQ(kept[0].path, x);
+    EXPECT_EQ(layer->GetField(x, field), pxr::VtValue(7.0));
+    EXPECT_EQ(layer->GetField(y, field), pxr::VtValue(1.0));
+}
+
 TEST_F(OthersWritesTest, TheNumberOfNotesIsBounded) {
     for (std::size_t i = 0; i <= OthersWrites::kMostRegisters; ++i)
         others->note(set("/A.x" + std::to_string(i), "default"), 1 + i);

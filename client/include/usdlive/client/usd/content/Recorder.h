@@ -37,6 +37,8 @@ public:
 
     [[nodiscard]] bool isEmpty() const;
     [[nodiscard]] std::vector<pxr::SdfLayerHandle> layers() const;
+    /// Returns whether other clients have written the layer, which was touched, since the edits.
+    [[nodiscard]] bool isFollowed(const pxr::SdfLayerHandle& layer) const;
 
     /// Undoes the edits in one change block. In a layer for which `isShared` is true, restores only
     /// registers that still have the recorded content and that no other client has written since,

@@ -223,7 +223,8 @@ class SetEditTargetCommand(AbstractLayerCommand):
 class CreateSublayerCommand(_SublayerCommand):
     """With `create_or_insert` True, creates a layer; an existing one is emptied in memory (its file when it is
     saved). With False, inserts an existing layer. Without a path the layer is anonymous. Returns its
-    identifier. undo removes it from the stack and keeps its file."""
+    identifier. undo removes it from the stack and keeps its file; it does nothing if somebody else has worked in
+    the created layer since."""
 
     def __init__(self, layer_identifier: str, sublayer_position: int, new_layer_path: str,
                  transfer_root_content: bool, create_or_insert: bool, layer_name: str = "",
@@ -233,6 +234,17 @@ class CreateSublayerCommand(_SublayerCommand):
         self._path, self._name = new_layer_path, layer_name
         self._transfer, self._create = transfer_root_content, create_or_insert
         self._new: Sdf.Layer | None = None  # redo uses the same layer
+        self._stays = False
+
+    def undo(self) -> list[Kept]:
+        self._stays = (self._new is not None and self.context.is_live_layer(self._new)
+                       and self._record.is_followed(self._new))
+        if self._stays:
+            return [Kept(self._new.identifier, "/", None, None, "another user has worked in it")]
+        return super().undo()
+
+    def redo(self) -> list[Kept]:
+        return [] if self._stays else super().redo()
 
     def edit(self, recorder: Recorder) -> str:
         parent = self.editable(self.local_layer(self._identifier))
