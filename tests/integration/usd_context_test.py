@@ -1266,6 +1266,54 @@ def test_opening_again_keeps_the_edit_target(is_live, project, serve, ctx):
     assert ctx.reopen_stage() and target() == "root.usda", "the session layer is a new one"
 
 
+@pytest.mark.parametrize("is_live", [False, True])
+def test_the_edit_target_of_a_save_is_restored_when_the_stage_is_opened(is_live, project, serve, ctx):
+    (project / "sub").mkdir()
+    (project / "sub" / "anim.usda").write_text("#usda 1.0\n")
+    (project / "look.usda").write_text("#usda 1.0\n")
+    root = "#usda 1.0\n(\n    subLayers = [@./sub/anim.usda@, @./look.usda@]\n)\n"
+    (project / "root.usda").write_text(root)
+    url = f"usdlive://127.0.0.1:{serve(project).port}/root.usda" if is_live else str(project / "root.usda")
+    assert ctx.open_stage(url)
+
+    def layer(name):
+        return next(one for one in ctx.get_stage().GetLayerStack(False) if one.identifier.endswith(name))
+
+    def saved_with(name):
+        ctx.get_stage().SetEditTarget(layer(name))
+        ctx.get_stage().DefinePrim(f"/Of_{name[:4]}")
+        assert ctx.save_stage() and ctx.close_stage() and ctx.open_stage(url)
+        assert ctx.get_stage().GetEditTarget().GetLayer() == layer(name)
+        return (project / "root.usda").read_text()
+
+    assert "authoring_layer" not in saved_with("root.usda")
+    # Kit's key and form: relative to the root layer.
+    assert 'string authoring_layer = "./sub/anim.usda"' in saved_with("anim.usda")
+    assert 'string authoring_layer = "./look.usda"' in saved_with("look.usda")
+    assert 'string authoring_layer = "./root.usda"' in saved_with("root.usda")
+    assert "./sub/anim.usda" in saved_with("anim.usda")
+    get_layers(ctx).set_edit_mode(1)
+    ctx.get_stage().DefinePrim("/More")
+    assert ctx.save_stage()
+    assert "./sub/anim.usda" in (project / "root.usda").read_text(), "the delegate is no edit target to return to"
+    get_layers(ctx).set_edit_mode(0)
+    ctx.get_stage().SetEditTarget(layer("look.usda"))
+    assert get_layers(ctx).get_layers_state().set_layer_lock_state(layer("look.usda").identifier, True)
+    assert ctx.save_stage() and ctx.close_stage() and ctx.open_stage(url)
+    assert ctx.get_stage().GetEditTarget().GetLayer() == layer("root.usda"), "it is locked"
+
+
+def test_a_root_layer_that_cannot_be_saved_is_not_changed_for_the_edit_target(project, ctx):
+    (project / "look.usda").write_text("#usda 1.0\n")
+    (project / "root.usda").write_text("#usda 1.0\n(\n    subLayers = [@./look.usda@]\n)\n")
+    (project / "root.usda").chmod(0o444)
+    assert ctx.open_stage(str(project / "root.usda"))
+    ctx.get_stage().SetEditTarget(Sdf.Layer.Find(str(project / "look.usda")))
+    ctx.get_stage().DefinePrim("/New")
+    assert ctx.save_stage() and not ctx.get_stage().GetRootLayer().dirty
+    assert "New" in (project / "look.usda").read_text()
+
+
 def test_a_refused_port_is_said_soon(context):
     ctx, begin = context("patient", connect_timeout=60), time.monotonic()
     done, error = asyncio.run(ctx.open_stage_async("usdlive://127.0.0.1:1/shot.usda"))

@@ -519,6 +519,8 @@ class UsdContext:
         self._send_saving()
         self._distribute()
         with self._sending_a_cancel():
+            if layers is None:
+                _saving.store_edit_target(stage, live)
             chosen = _saving.unsaved(stage, live) if layers is None else layers
             saved, problems, skipped = yield from _saving.save(chosen, live, unsaved_only=layers is None)
             problems += yield from _saving.save_locks(stage, live, locks_of)
@@ -540,6 +542,8 @@ class UsdContext:
         others = [layer for layer in (_saving.unsaved(stage, None) if others is None else others)
                   if layer != root]
         with self._sending_a_cancel():
+            if named is None:
+                _saving.store_edit_target(stage, None)
             saved, problems, _ = yield from _saving.save(others, None)
             problems += yield from _saving.save_locks(stage, None, named)
             if problems:

@@ -29,6 +29,17 @@ def unsaved(stage: Usd.Stage, live: LiveStage | None) -> list[Sdf.Layer]:
     return layers
 
 
+def store_edit_target(stage: Usd.Stage, live: LiveStage | None) -> None:
+    """Stores the edit target in the root layer like Kit, so that it is restored when the stage is opened. A root
+    layer that has none, or cannot be saved, is not changed for its own sake."""
+    root, target = stage.GetRootLayer(), stage.GetEditTarget().GetLayer()
+    stored = _usdlive.layer_utils.authoring_layer(root.identifier)
+    if (not target or target.anonymous or not stage.HasLocalLayer(target) or target.identifier == (stored or root.identifier)
+            or not root.permissionToEdit or not live and is_read_only(root.realPath)):
+        return
+    _usdlive.layer_utils.set_authoring_layer(root.identifier, target.identifier)
+
+
 def newly_locked(stage: Usd.Stage, live: LiveStage | None) -> list[Sdf.Layer]:
     """Returns the layers of the local stack whose own lock is not saved yet."""
     return [layer for layer in stage.GetLayerStack()
