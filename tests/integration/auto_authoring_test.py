@@ -243,10 +243,11 @@ def target_edit(rng: random.Random, case: Case) -> Edit | None:
     path, target = rng.choice(PRIMS), Sdf.Path(f"/Target{rng.randrange(10)}")
     if not case.stage.GetPrimAtPath(path).GetRelationship("targets"):
         return None
-    front = Usd.ListPositionFrontOfPrependList
+    place = rng.choice([Usd.ListPositionFrontOfPrependList, Usd.ListPositionBackOfPrependList,
+                        Usd.ListPositionFrontOfAppendList, Usd.ListPositionBackOfAppendList])
     return Edit(f"{path}.targets", ("targetPaths",),
-                lambda s: s.GetRelationshipAtPath(f"{path}.targets").AddTarget(target, front),
-                lambda s: s.GetRelationshipAtPath(f"{path}.targets").GetTargets()[0], target)
+                lambda s: s.GetRelationshipAtPath(f"{path}.targets").AddTarget(target, place),
+                lambda s: target in s.GetRelationshipAtPath(f"{path}.targets").GetTargets(), True)
 
 
 def api_edit(rng: random.Random, case: Case) -> Edit:

@@ -139,7 +139,8 @@ def composed(stage):
                 os.path.realpath(v.resolvedPath or "") if isinstance(v, Sdf.AssetPath) else v for v in value]
         for relationship in prim.GetAuthoredRelationships():
             values[str(relationship.GetPath())] = relationship.GetTargets()
-        values[str(prim.GetPath()) + " data"] = prim.GetCustomData(), prim.GetMetadata("comment")
+        values[str(prim.GetPath()) + " data"] = (
+            prim.GetCustomData(), prim.GetMetadata("comment"), prim.GetVariantSets().GetNames())
     return values
 
 
@@ -1381,7 +1382,7 @@ class EditCommand(commands.RecordedCommand):
         own = stage.DefinePrim(f"/World/Box/{dice.choice('ABC')}", "Xform")
         ball, number = stage.GetPrimAtPath("/World/Ball"), dice.random()
         old = stage.GetPrimAtPath("/World/Box/Old/Below")
-        action = dice.randrange(17)
+        action = dice.randrange(19)
         if action == 0:
             ball.GetAttribute("mass").Set(number)  # from a reference of a weak layer
         elif action == 1:
@@ -1410,6 +1411,15 @@ class EditCommand(commands.RecordedCommand):
             old.ClearCustomDataByKey("k") if dice.random() < 0.5 else old.ClearCustomData()
         elif action == 13 and old:
             old.GetRelationship("r").ClearTargets(dice.random() < 0.5)
+        elif action == 17 and old:
+            added = old.GetVariantSets().AddVariantSet(dice.choice("new"))
+            added.AddVariant("a")
+            added.SetVariantSelection("a")
+            with added.GetVariantEditContext():
+                old.CreateAttribute("within", Sdf.ValueTypeNames.Double).Set(number)
+        elif action == 18 and old:
+            old.GetReferences().AddInternalReference("/World/Cone")
+            old.GetRelationship("r").AddTarget(f"/World/Cone{dice.randrange(3)}")
         elif action == 14:
             stage.RemovePrim("/World/Box/Old")
             stage.DefinePrim("/World/Box/Old").CreateAttribute("again", Sdf.ValueTypeNames.Double).Set(number)
@@ -1433,6 +1443,8 @@ def in_mode(context, mode):
     for name in ("Old", "Older"):
         below = context.get_stage().DefinePrim(f"/World/Box/{name}/Below")
         below.CreateAttribute("a", Sdf.ValueTypeNames.Int).Set(1)
+        for name in "vw":
+            below.GetVariantSets().AddVariantSet(name).AddVariant("p")
         for time in range(4):
             below.CreateAttribute("times", Sdf.ValueTypeNames.Int).Set(time, time)
         below.CreateRelationship("r").SetTargets(["/World/Ball"])
@@ -1463,7 +1475,8 @@ def steps_of(context, mode, seed):
     def step(succeeded):
         assert succeeded
         app.get_app().update()
-        seen.append(composed(stage))
+        below = stage.GetPrimAtPath("/World/Box/Old/Below")
+        seen.append(composed(stage) | {"references": below and below.GetMetadata("references")})
 
     before = texts(stage)
     for _ in range(2):

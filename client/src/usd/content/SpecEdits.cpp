@@ -35,6 +35,28 @@ bool makeProperty(const SdfLayerHandle& layer, const SdfPath& path, const SdfLay
                                          relationship->GetVariability());
 }
 
+// Creates the variant sets on the way to `path`. Sdf would move their names to the front of the
+// list, where they are stronger.
+bool makeVariantSets(const SdfLayerHandle& layer, const SdfPath& path) {
+    for (const SdfPath& prefix : path.GetPrefixes()) {
+        if (!prefix.IsPrimVariantSelectionPath()) continue;
+        const SdfPath owner = prefix.GetParentPath();
+        const std::string set = prefix.GetVariantSelection().first;
+        if (layer->HasSpec(owner.AppendVariantSelection(set, ""))) continue;
+        if (!layer->HasSpec(owner) && !pxr::SdfJustCreatePrimInLayer(layer, owner)) return false;
+        const auto variant =
+            pxr::TfDynamic_cast<pxr::SdfVariantSpecHandle>(layer->GetObjectAtPath(owner));
+        const auto made = variant ? pxr::SdfVariantSetSpec::New(variant, set)
+                                  : pxr::SdfVariantSetSpec::New(layer->GetPrimAtPath(owner), set);
+        if (!made) return false;
+        auto names = layer->GetPrimAtPath(owner)->GetVariantSetNameList();
+        if (names.ContainsItemEdit(set)) continue;
+        names.IsExplicit() ? names.GetExplicitItems().push_back(set)
+                           : names.GetPrependedItems().push_back(set);
+    }
+    return true;
+}
+
 template <class Op, class Proxy>
 void assign(Proxy proxy, const VtValue& value) {
     proxy.ClearEdits();
@@ -56,18 +78,12 @@ void assign(Proxy proxy, const VtValue& value) {
 
 bool makeSpecLike(const SdfLayerHandle& layer, const SdfPath& path, const SdfLayerHandle& source,
                   const SdfPath& from) {
+    if (path.ContainsPrimVariantSelection() && !makeVariantSets(layer, path)) return false;
     if (path.IsPropertyPath()) return makeProperty(layer, path, source, from);
     if (!path.IsPrimOrPrimVariantSelectionPath()) return false;
-    const auto selection = path.GetVariantSelection();
-    if (!path.IsPrimVariantSelectionPath() || !selection.second.empty())
-        return pxr::SdfJustCreatePrimInLayer(layer, path);
-    // The path of the variant set itself: /Prim{set=}
-    const SdfPath owner = path.GetParentPath();
-    if (!layer->HasSpec(owner) && !pxr::SdfJustCreatePrimInLayer(layer, owner)) return false;
-    if (const auto variant = layer->GetObjectAtPath(owner);
-        const auto spec = pxr::TfDynamic_cast<pxr::SdfVariantSpecHandle>(variant))
-        return bool(pxr::SdfVariantSetSpec::New(spec, selection.first));
-    return bool(pxr::SdfVariantSetSpec::New(layer->GetPrimAtPath(owner), selection.first));
+    const bool isSet =
+        path.IsPrimVariantSelectionPath() && path.GetVariantSelection().second.empty();
+    return isSet || pxr::SdfJustCreatePrimInLayer(layer, path);
 }
 
 void removeSpec(const SdfLayerHandle& layer, const SdfPath& path) {

@@ -162,7 +162,7 @@ public:
           writes_(authoring.writes_),
           distribution_(authoring.context_.stack, delegate_, SdfLayerHandle(), authoring.rules_) {
         const DelegateWrites::Ignoring ignoring(*writes_);
-        for (const SdfPath& path : specs) lent_.push_back(distribution_.lend(path, time));
+        for (const SdfPath& path : specs) lent_.push_back(distribution_.lend(path, time, *writes_));
     }
     ~Impl() {
         const DelegateWrites::Ignoring ignoring(*writes_);

@@ -56,6 +56,13 @@ void DelegateWrites::contentReplaced() {
     });
 }
 
+bool DelegateWrites::has(const Path& path, const Token& field) const {
+    const auto spec = index_.find(path);
+    return spec != index_.end() &&
+           std::ranges::any_of(specs_[spec->second].fields,
+                               [&](const Field& one) { return one.name == field; });
+}
+
 bool DelegateWrites::isNoted(const Path& path, const Token& field) const {
     if (ignoring_ || path.ContainsTargetPath()) return false;
     if (path == Path::AbsoluteRootPath()) return field == pxr::SdfFieldKeys->LayerRelocates;

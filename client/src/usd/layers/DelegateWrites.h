@@ -39,6 +39,7 @@ public:
     [[nodiscard]] bool empty() const { return specs_.empty() && namespaceEdits_.empty(); }
     [[nodiscard]] Taken take();
     [[nodiscard]] bool has(const pxr::SdfPath& path) const { return index_.contains(path); }
+    [[nodiscard]] bool has(const pxr::SdfPath& path, const pxr::TfToken& field) const;
     /// Call when the whole content was replaced without single writes: all of it is new.
     void contentReplaced();
 

@@ -4,6 +4,7 @@
 #include <pxr/base/vt/dictionary.h>
 #include <pxr/usd/pcp/layerStack.h>
 #include <pxr/usd/sdf/attributeSpec.h>
+#include <pxr/usd/sdf/listOp.h>
 #include <pxr/usd/sdf/namespaceEdit.h>
 #include <pxr/usd/sdf/primSpec.h>
 #include <pxr/usd/sdf/relationshipSpec.h>
@@ -103,6 +104,22 @@ void collectKeys(const pxr::VtDictionary& dictionary, const std::string& prefix,
             collectKeys(value.UncheckedGet<pxr::VtDictionary>(), prefix + key + ":", keys);
         else
             keys.emplace_back(prefix + key);
+}
+
+// Combines two lists of names. Prepended names follow those of the weaker list.
+VtValue withPrependedAtEnd(const VtValue& stronger, const VtValue& weaker) {
+    if (!stronger.IsHolding<pxr::SdfStringListOp>() || !weaker.IsHolding<pxr::SdfStringListOp>())
+        return composedListOp(stronger, weaker);
+    auto added = stronger.UncheckedGet<pxr::SdfStringListOp>();
+    auto both = weaker.UncheckedGet<pxr::SdfStringListOp>();
+    auto names = both.IsExplicit() ? both.GetExplicitItems() : both.GetPrependedItems();
+    for (const auto& name : added.GetPrependedItems()) {
+        std::erase(names, name);
+        names.push_back(name);
+    }
+    both.IsExplicit() ? both.SetExplicitItems(names) : both.SetPrependedItems(names);
+    added.SetPrependedItems({});
+    return composedListOp(VtValue(added), VtValue(both));
 }
 
 bool containsTarget(const SdfPath& path) { return path.ContainsTargetPath(); }
@@ -383,9 +400,13 @@ void Distribution::write(const Place& place, const Spec& spec, const Field& fiel
     if (field.name == names().samples && !field.whole) return writeSamples(place, spec, field);
     VtValue result = mapped(value, place.target->toTarget);
     if (field.name != names().value && isListOp(result)) {
-        // A list op that mirrored the layer's is complete. A new one is combined with the layer's.
-        if (!field.existed)
-            result = composedListOp(result, layer->GetField(place.path, field.name));
+        // A list op that mirrored the layer's is complete. A new one is combined with the layer's;
+        // AddVariantSet() adds at the end.
+        const VtValue present = layer->GetField(place.path, field.name);
+        if (!field.existed && field.name == pxr::SdfFieldKeys->VariantSetNames)
+            result = withPrependedAtEnd(result, present);
+        else if (!field.existed)
+            result = composedListOp(result, present);
         return setListOp(layer, place.path, field.name, result);
     }
     if (value.IsEmpty() && isListOp(layer->GetField(place.path, field.name)))
@@ -549,7 +570,8 @@ void Distribution::refreshKeys(const SdfPath& path, const TfToken& field, const 
 
 // ------------------------------------------------------------------ opinions to erase
 
-Distribution::Lent Distribution::lend(const SdfPath& path, std::optional<double> time) {
+Distribution::Lent Distribution::lend(const SdfPath& path, std::optional<double> time,
+                                      const DelegateWrites& writes) {
     Lent lent{path, {}, {}, {}, {}};
     const auto places = placesOf(path);
     if (places.empty() || path == SdfPath::AbsoluteRootPath()) return lent;
@@ -561,7 +583,7 @@ Distribution::Lent Distribution::lend(const SdfPath& path, std::optional<double>
     for (const Place& place : places)
         for (const TfToken& field : place.target->layer->ListFields(place.path)) {
             if (!time) {
-                lendField(lent, place, field);
+                lendField(lent, place, field, writes);
             } else if (field == names().samples && !lent.sample &&
                        !delegate_->QueryTimeSample(path, *time)) {
                 delegate_->SetTimeSample(path, *time, VtValue(pxr::SdfValueBlock()));
@@ -572,7 +594,8 @@ Distribution::Lent Distribution::lend(const SdfPath& path, std::optional<double>
 }
 
 // A block stands for values, which may be large.
-void Distribution::lendField(Lent& lent, const Place& place, const TfToken& field) {
+void Distribution::lendField(Lent& lent, const Place& place, const TfToken& field,
+                             const DelegateWrites& writes) {
     const SdfPath& path = lent.path;
     if (usd::isStructural(field) || field == names().specifier ||
         (path.IsPropertyPath() && isRequiredOfProperties(field)))
@@ -590,7 +613,7 @@ void Distribution::lendField(Lent& lent, const Place& place, const TfToken& fiel
         setListOp(delegate_, path, field, value);
     else
         delegate_->SetField(path, field, value);
-    lent.fields.push_back(field);
+    lent.fields.push_back({field, delegate_->GetField(path, field), writes.has(path, field)});
 }
 
 void Distribution::lendKeys(Lent& lent, const TfToken& field, const pxr::VtDictionary& dictionary) {
@@ -605,9 +628,10 @@ void Distribution::lendKeys(Lent& lent, const TfToken& field, const pxr::VtDicti
 
 void Distribution::takeBack(const Lent& lent, const DelegateWrites& writes) {
     if (lent.sample) delegate_->EraseTimeSample(lent.path, *lent.sample);
-    for (const TfToken& field : lent.fields) {
-        if (isListOp(delegate_->GetField(lent.path, field)))
-            setListOp(delegate_, lent.path, field, {});
+    for (const auto& [field, value, written] : lent.fields) {
+        const VtValue now = delegate_->GetField(lent.path, field);
+        if (written ? now != value : writes.has(lent.path, field)) continue;
+        if (isListOp(now)) setListOp(delegate_, lent.path, field, {});
         delegate_->EraseField(lent.path, field);
     }
     for (const auto& [field, key] : lent.keys)

@@ -57,15 +57,21 @@ public:
     struct Lent {
         pxr::SdfPath path;
         pxr::SdfPath created;  ///< the first spec that was missing
-        std::vector<pxr::TfToken> fields;
+        struct Field {
+            pxr::TfToken name;
+            pxr::VtValue value;
+            bool written = false;  ///< an edit is noted already, which has erased it
+        };
+        std::vector<Field> fields;
         std::vector<std::pair<pxr::TfToken, pxr::TfToken>> keys;  ///< a dictionary and its key
         std::optional<double> sample;
     };
     /// Gives the delegate an opinion for each field of the spec that a layer has an opinion for, so
-    /// that it can be erased there. Values are placeholders and must not be composed. With `time`,
-    /// only for the sample at this time.
-    [[nodiscard]] Lent lend(const pxr::SdfPath& path, std::optional<double> time);
-    /// Removes what is left of it. Specs in `writes` stay, because distribute() needs them.
+    /// that it can be erased there, or a list edited. Values are placeholders and must not be
+    /// composed. With `time`, only for the sample at this time.
+    [[nodiscard]] Lent lend(const pxr::SdfPath& path, std::optional<double> time,
+                            const DelegateWrites& writes);
+    /// Removes what was not edited since. Specs in `writes` stay, because distribute() needs them.
     void takeBack(const Lent& lent, const DelegateWrites& writes);
 
 private:
@@ -132,7 +138,8 @@ private:
     void refuse(const pxr::SdfPath& path, const std::string& field, const std::string& layer,
                 const LayerError& why);
     void takeBack(const Spec& spec, const Field& field);
-    void lendField(Lent& lent, const Place& place, const pxr::TfToken& field);
+    void lendField(Lent& lent, const Place& place, const pxr::TfToken& field,
+                   const DelegateWrites& writes);
     void lendKeys(Lent& lent, const pxr::TfToken& field, const pxr::VtDictionary& dictionary);
     void dropVariants(const pxr::SdfPath& path);
     void dropEmpty();

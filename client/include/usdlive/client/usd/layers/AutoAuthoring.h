@@ -80,8 +80,9 @@ private:
 /// look into the edit target, which is the delegate, and that mirrors only what was edited. While
 /// this object lives, the delegate has opinions for all fields of the specs that a layer has
 /// opinions for. Those that are cleared meanwhile are distributed like other edits: the strongest
-/// opinion is cleared. Contains a change block. Does nothing in the normal mode. Make one with the
-/// path of the attribute before attribute.Clear().
+/// opinion is cleared. Lists that are edited meanwhile (UsdReferences::AddReference) are edited as
+/// in the layer itself, with its positions. Contains a change block. Does nothing in the normal
+/// mode. Make one with the path of the attribute before attribute.Clear().
 class Clearing {
 public:
     /// `specs` are paths of the edit target. With `time`, only the samples at this time can be

@@ -2,7 +2,8 @@
 
 They look only into the layer of the edit target, and the delegate mirrors only what was edited since the mode
 started. So the delegate gets the opinions first that such a function may remove, and what was removed is distributed
-at once: what is read or defined next is as in the normal mode.
+at once: what is read or defined next is as in the normal mode. Functions that edit a list find the layer's items in
+the same way, so that a new item gets the same place as in the normal mode.
 """
 
 from __future__ import annotations
@@ -71,12 +72,20 @@ def _shadow_classes() -> None:
     for module in (Usd, UsdGeom, UsdShade):
         for kind in vars(module).values():
             if isinstance(kind, type) and (hasattr(kind, "GetPrim") or kind is Usd.AttributeLimits):
-                for name in [name for name in vars(kind) if _removes(name)]:
+                for name in [name for name in vars(kind) if _looks_into_target(name)]:
                     _shadow(kind, name)
 
 
-def _removes(name: str) -> bool:
-    return name.startswith("Clear") or name in ("RemoveProperty", "RemovePrimvar", "ResetCollection")
+#: Edit lists with paths of prims and names. As everywhere, the next frame distributes them.
+_LISTS = ("AddInherit", "RemoveInherit", "AddSpecialize", "RemoveSpecialize", "AddTarget", "RemoveTarget",
+          "AddConnection", "RemoveConnection", "AddAppliedSchema", "RemoveAppliedSchema", "ApplyAPI", "AddAPI",
+          "RemoveAPI")
+#: Edit lists with relative paths of files, which have another meaning in the delegate.
+_ARCS = ("AddReference", "AddInternalReference", "RemoveReference", "AddPayload", "AddInternalPayload", "RemovePayload")
+
+
+def _looks_into_target(name: str) -> bool:
+    return name.startswith("Clear") or name in ("RemoveProperty", "RemovePrimvar", "ResetCollection", *_ARCS, *_LISTS)
 
 
 def _shadow(kind: type, name: str) -> None:
@@ -93,9 +102,11 @@ def _shadow(kind: type, name: str) -> None:
         argument = next(iter((*arguments[1:], *named.values())), None)
         time = Usd.TimeCode(argument) if name == "ClearAtTime" and argument is not None else Usd.TimeCode.Default()
         specs = map(stage.GetEditTarget().MapToSpecPath, _paths(part, name, argument))
-        with delegating.clearing(filter(None, specs), None if time.IsDefault() else time.GetValue()):
-            result = original(*arguments, **named)
-        delegating.distribute_now()
+        with Sdf.ChangeBlock():  # relative paths of arcs must not be composed in the delegate
+            with delegating.clearing(filter(None, specs), None if time.IsDefault() else time.GetValue()):
+                result = original(*arguments, **named)
+            if name not in _LISTS:
+                delegating.distribute_now()
         return result
 
     setattr(kind, name, staticmethod(remove) if is_static else remove)
