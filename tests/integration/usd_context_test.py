@@ -1113,6 +1113,27 @@ def test_another_thread_does_not_leave_a_live_stage(operation, live, editor, ctx
     assert ctx.close_stage()
 
 
+@pytest.mark.parametrize("is_open", [False, True])
+@pytest.mark.parametrize("operation", ["new_stage_async", "open_stage_async", "reopen_stage_async",
+                                       "close_stage_async", "attach_stage_async"])
+def test_another_thread_does_not_open_a_stage_whose_layers_are_used(operation, is_open, ctx, ball, capfd):
+    state = get_layers(ctx).get_layers_state()
+    if is_open:
+        assert ctx.open_stage(ball) and ctx.save_stage()
+    stage = ctx.get_stage()
+    arguments = {"open_stage_async": (ball,), "attach_stage_async": (Usd.Stage.Open(ball),)}.get(operation, ())
+    answers = []
+    thread = threading.Thread(target=lambda: answers.append(asyncio.run(getattr(ctx, operation)(*arguments))))
+    thread.start()
+    thread.join()
+    done, why = answers[0]
+    assert not done and why and ("thread" in why or not is_open and operation in ("reopen_stage_async", "close_stage_async"))
+    assert ctx.get_stage() == stage
+    get_app().update()
+    assert ctx.open_stage(ball) and state.get_local_layer_identifiers() == [ctx.get_stage().GetRootLayer().identifier]
+    assert "Traceback" not in capfd.readouterr().err
+
+
 def test_a_live_stage_opens_beside_the_event_loop(live, ctx):
     """Other tasks run while the layers of a live stage arrive, and a layer that is not there is a failure."""
     _, url = live

@@ -100,6 +100,7 @@ class UsdContext:
         self._selection_changed = self._hierarchy_changed = False
         self._tasks: set[asyncio.Task] = set()
         self._before_saving: list[typing.Callable[[Recorder | None], None]] = []
+        self._layers_thread: int | None = None  # is set when the layers API is used
         self._recorder: Recorder | None = None  # is set while a command runs
         _contexts.add(self)
         updates = get_app().get_update_event_stream()
@@ -247,6 +248,7 @@ class UsdContext:
         """Not in Kit: calls `function(recorder)` before edits are saved, sent or left, and before and after each
         command, so that edits waiting for the next frame are included. It records the layers that they go to."""
         self._before_saving.append(function)
+        self._layers_thread = threading.get_ident()
 
     @contextlib.contextmanager
     def recording(self, recorder: Recorder | None) -> typing.Iterator[None]:
@@ -374,6 +376,7 @@ class UsdContext:
     # -- operations, as steps that use the stage and yield slow work
 
     def _new(self, load_set: UsdContextInitialLoadSet) -> Steps[Result]:
+        self._check_thread()
         if self._opened:
             yield from self._close()
         self._begin_opening()
@@ -458,6 +461,7 @@ class UsdContext:
         return live and live.name_of(layer) or layer.identifier
 
     def _attach(self, stage: Usd.Stage | int, live: usdlive.Live | None) -> Steps[Result]:
+        self._check_thread()
         if not isinstance(stage, Usd.Stage):
             found = UsdUtils.StageCache.Get().Find(Usd.StageCache.Id.FromLongInt(int(stage)))
             if not found:
@@ -592,10 +596,13 @@ class UsdContext:
                                   f"'{other.get_name()}'. Save it, or close it there, first")
 
     def _check_thread(self) -> None:
-        """Refuses to leave a live stage on another thread than the one that uses its connection."""
+        """Refuses to open or leave a stage on another thread than the one that uses its connection or its layers."""
         if self._opened and self._opened.live and self._opened.thread != threading.get_ident():
             raise Failure(f"{self._opened.url} is live and used by the thread that opened it: close it there first, "
                           "for example with loop.call_soon_threadsafe()")
+        if self._layers_thread not in (None, threading.get_ident()):
+            raise Failure(f"the layers of the context '{self._name}' are used by another thread: open and close its "
+                          "stages there, for example with loop.call_soon_threadsafe()")
 
     def _need_stage(self) -> Usd.Stage:
         if self._opened is None:
