@@ -1256,11 +1256,15 @@ def test_undo_and_redo_change_only_what_one_has_written_last(seed, live, writes)
                 before = value
             colleague(context, ada, *(f"number({path[1]!r}, {value}, layer({path[0]!r}))" for value in new))
             values[path] = new[-1]
-        elif action == "rename":  # away and back: the values are still theirs or one's own
-            name, at = dice.choice(["Ball", "New"]), dice.choice(["root.usda", "strong.usda"])
-            if layers[at].GetPrimAtPath(f"/World/{name}"):
-                colleague(context, ada, f"layer({at!r}).GetPrimAtPath('/World/{name}').name = 'Other'",
-                          f"layer({at!r}).GetPrimAtPath('/World/Other').name = {name!r}")
+        elif action == "rename":  # away, and back with the same values, one of which they have written
+            path = at, attribute = dice.choice(paths)
+            prim, name = attribute.split(".")
+            if values[path] is not None:
+                colleague(context, ada, f"layer({at!r}).GetPrimAtPath({prim!r}).name = 'Other'",
+                          f"number('/World/Other.{name}', 9.0, layer({at!r}))",
+                          f"number('/World/Other.{name}', {values[path]}, layer({at!r}))",
+                          f"layer({at!r}).GetPrimAtPath('/World/Other').name = {os.path.basename(prim)!r}")
+                theirs[path] = now
         elif action == "undo" and done:
             when, written, replaced = done.pop()
             undone.append((when, written))
