@@ -1603,14 +1603,17 @@ def test_each_command_gives_the_same_layers_in_every_mode(name, seed, folder, tm
                 assert part == wanted, step
 
 
+@pytest.mark.parametrize("suspended", [False, True])
 @pytest.mark.parametrize("mode", [LayerEditMode.AUTO_AUTHORING, LayerEditMode.SPECS_LINKING])
-def test_a_prim_is_removed_and_defined_again_in_one_command(ctx, stage, layer, mode):
+def test_a_prim_is_removed_and_defined_again_in_one_command(ctx, stage, layer, mode, suspended):
     class RenewCommand(commands.RecordedCommand):
         def edit(self, recorder):
             assert self.stage.RemovePrim("/World/Ball") and not self.stage.GetPrimAtPath("/World/Ball")
             self.stage.DefinePrim("/World/Ball", "Sphere").CreateAttribute("radius", Sdf.ValueTypeNames.Double)
 
     get_layers(ctx).set_edit_mode(mode)
+    if suspended:
+        get_layers(ctx).get_auto_authoring().suspend()
     commands.register(RenewCommand)
     with Undone(stage):
         run("Renew")

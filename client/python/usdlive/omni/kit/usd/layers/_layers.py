@@ -499,9 +499,11 @@ class Layers:
             native.end_clearing()
 
     def distribute_now(self) -> None:
-        """Distributes the edits before the frame, unless it is suspended. The command that runs records them."""
-        if self._native and not self._native.is_suspended():
-            self._distribute(getattr(self._context(), "recorder", None))
+        """Distributes the edits before the frame, unless it is suspended. A command that runs records them, and
+        would distribute them at its end, also while it is suspended."""
+        recorder = getattr(self._context(), "recorder", None)
+        if self._native and (recorder or not self._native.is_suspended()):
+            self._distribute(recorder)
 
     def _drop(self) -> None:
         if not self._native:
