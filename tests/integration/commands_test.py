@@ -1682,3 +1682,29 @@ def test_a_live_prim_is_moved_back_in_auto_authoring_with_edits_of_others(live):
     synced(context, ada)
     assert stage.GetPrimAtPath("/Group/Hers") and stage.GetAttributeAtPath("/Group.hers").Get() == 1
     assert stage.GetAttributeAtPath("/World/Ball.radius").Get() == 1 and not stage.GetPrimAtPath("/Group/Ball")
+
+
+def test_a_clear_in_auto_authoring_reaches_the_project_and_its_undo_keeps_what_others_wrote_since(live):
+    class ClearCommand(commands.RecordedCommand):
+        def edit(self, recorder):
+            ball = self.stage.GetPrimAtPath("/World/Ball")
+            ball.GetAttribute("radius").Clear()
+            ball.RemoveProperty("size")
+            ball.ClearCustomDataByKey("weak")
+
+    context, ada = live
+    get_layers(context).set_edit_mode(LayerEditMode.AUTO_AUTHORING)
+    commands.register(ClearCommand)
+    before = synced(context, ada)
+    run("Clear")
+    cleared = synced(context, ada)
+    assert "radius = 1" not in cleared["root.usda"] and "radius = 2" in cleared["strong.usda"], "the strongest opinion"
+    assert "size" not in cleared["strong.usda"] and "int weak" not in cleared["weak.usda"]
+    changed_back(undo.undo("test"), [])
+    assert synced(context, ada) == before
+    changed_back(undo.redo("test"), [])
+    assert synced(context, ada) == cleared
+    colleague(context, ada, "number('/World/Ball.radius', 3.0)")
+    changed_back(undo.undo("test"), [("/World/Ball.radius", "default")])
+    assert "radius = 3" in synced(context, ada)["root.usda"]
+    commands.unregister(ClearCommand)
