@@ -118,12 +118,12 @@ bool NamespaceEdits::correctTargets(Batch& batch, const LayerId& layer, const st
             if (!list || list->itemType != ValueType::Path) continue;
             ListOp moved = *list;
             for (auto& items : moved.lists) {
-                for (Value& item : items)
+                std::vector<Value> once;
+                for (Value item : items) {
                     if (const auto path = textOf(item); path && specpath::hasPrefix(*path, from))
                         item = pathValue(specpath::replacePrefix(*path, from, to));
-                std::vector<Value> once;
-                for (Value& item : items)
                     if (std::ranges::find(once, item) == once.end()) once.push_back(item);
+                }
                 items = std::move(once);
             }
             const FieldValue corrected(std::move(moved));

@@ -252,15 +252,11 @@ bool Client::Impl::exchange(double budgetMs, Seal seal) {
 }
 
 bool Client::Impl::advance(double budgetMs) {
-    // Also after an exception: Sdf must not read a list without its new children.
-    struct Placing {
-        Impl& client;
-        ~Placing() {
-            for (const LayerId& id : std::exchange(client.unplaced_, {}))
-                if (LiveLayer* live = client.layers_.find(id)) live->place();
-        }
-    } const placing{*this};
-    const Raised advancing(advancing_);
+    struct Ending {
+        std::optional<usd::SdfLayerStore::Block>& edits;
+        ~Ending() { edits.reset(); }
+    } const ending{edits_};
+    edits_.emplace();
     return session_.advance(budgetMs, steadyMs());
 }
 
@@ -440,11 +436,9 @@ void Client::Impl::reset(const LayerId& id, const LayerDoc& doc) {
 void Client::Impl::apply(const LayerId& id, const std::string& path, const EditAction& action) {
     LiveLayer* const live = layers_.find(id);
     if (!live) return;
-    live->apply(path, action);
-    if (advancing_)
-        unplaced_.insert(id);
-    else
-        live->place();
+    if (edits_) return live->apply(path, action, *edits_);
+    usd::SdfLayerStore::Block block;
+    live->apply(path, action, block);
 }
 
 // Calls `note` with each edit of a layer for which writes of others are noted.

@@ -194,9 +194,8 @@ private:
     client::Answers answers_;
     std::vector<client::event::Joined> joined_;  // events for layers that are not filled yet
     bool ticking_ = false;
-    bool advancing_ = false;
-    std::set<LayerId> unplaced_;  // layers with edits that wait for LiveLayer::place()
-    int gestures_ = 0;            // open ones, each inside the one before
+    std::optional<usd::SdfLayerStore::Block> edits_;  // the session makes them while it advances
+    int gestures_ = 0;                                // open ones, each inside the one before
 };
 
 }  // namespace usdlive

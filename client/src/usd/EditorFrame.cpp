@@ -53,15 +53,17 @@ bool EditorFrame::hasWrites(LiveSet& layers) {
 void EditorFrame::author(LiveSet& layers, Session& session, LiveLayer& live,
                          const std::function<std::vector<EditAction>()>& makeEdits,
                          const std::function<void()>& alongside) {
-    const pxr::SdfChangeBlock block;
+    const pxr::SdfChangeBlock frame;
     seal(layers, session);
     if (alongside) alongside();
     std::vector<AuthoredEdit> edits = take(layers);
-    for (EditAction& action : makeEdits()) {
-        live.apply("/", action);
-        edits.push_back({live.id(), "/", std::move(action)});
+    {
+        usd::SdfLayerStore::Block block;
+        for (EditAction& action : makeEdits()) {
+            live.apply("/", action, block);
+            edits.push_back({live.id(), "/", std::move(action)});
+        }
     }
-    live.place();
     submit(std::move(edits), session);
 }
 

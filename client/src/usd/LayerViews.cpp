@@ -28,18 +28,19 @@ void LayerViews::follow(View& view) const {
     const LayerDoc* const content = from && !from->waitsForBlobs() ? from->content() : nullptr;
     if (!content) return;
     const LayerDoc shown = view.shown.value_or(LayerDoc());
+    usd::SdfLayerStore::Block block;
     for (const auto& [path, action] : difference(shown, *content))
         if (!view.shown || !view.apart.take(path, action))
-            static_cast<void>(view.store->applyUnplaced(path, action));
-    view.store->place();
+            static_cast<void>(view.store->apply(path, action, block));
     view.shown = *content;
 }
 
 bool LayerViews::applyApart() {
     for (auto& [key, view] : views_) {
         if (view.apart.isEmpty()) continue;
+        usd::SdfLayerStore::Block block;
         for (const EditAction& edit : view.apart.next())
-            static_cast<void>(view.store->apply("/", edit));
+            static_cast<void>(view.store->apply("/", edit, block));
         return true;
     }
     return false;

@@ -38,7 +38,6 @@ LiveLayer::LiveLayer(LayerId id, pxr::SdfLayerRefPtr layer, Surroundings surroun
 }
 
 LiveLayer::~LiveLayer() {
-    place();
     restore();
     while (hasApart()) {
         const pxr::SdfChangeBlock block;
@@ -75,19 +74,24 @@ void LiveLayer::noteUses() {
     surroundings_.wake();
 }
 
-// The layer has the content of the edit after the next place().
+// The layer may have the content of the edit only at the end of a block.
 void LiveLayer::noteNames(const std::string& path, const EditAction& action) {
     const auto* set = std::get_if<SetField>(&action);
     if (set && (usd::namesLayers(set->field) || usd::namesClips(set->field)))
-        naming_.emplace(path, set->field);
+        noteNaming(path, set->field);
 }
 
-void LiveLayer::noteNamed(std::string_view path, const pxr::TfToken& field) {
-    const bool clips = usd::namesClips(field.GetString());
-    usd::addNamedAssets(layer_->GetField(pxr::SdfPath(std::string(path)), field),
-                        clips ? named_.clips : named_.arcs);
-    (clips ? namesClips_ : namesLayers_) = true;
+void LiveLayer::noteNaming(std::string path, std::string field) {
+    (usd::namesClips(field) ? namesClips_ : namesLayers_) = true;
+    naming_.emplace(std::move(path), std::move(field));
     noteUses();
+}
+
+usd::LayerFill::Named LiveLayer::takeNamed() {
+    for (const auto& [path, field] : std::exchange(naming_, {}))
+        usd::addNamedAssets(layer_->GetField(pxr::SdfPath(path), pxr::TfToken(field)),
+                            usd::namesClips(field) ? named_.clips : named_.arcs);
+    return std::exchange(named_, {});
 }
 
 std::unique_ptr<BackgroundFill> LiveLayer::newFill() {
@@ -152,38 +156,32 @@ void LiveLayer::fill() {
     named_.clips.merge(named.clips);
     setPermission(false, lockedByOther);
     if (!filled) surroundings_.report(filled.error());
-    for (const auto& [path, action] : std::exchange(waiting_, {})) applyNow(path, action);
-    place();
+    Block block;
+    for (const auto& [path, action] : std::exchange(waiting_, {})) applyNow(path, action, block);
     noteUses();
 }
 
-void LiveLayer::apply(const std::string& path, const EditAction& action) {
+void LiveLayer::apply(const std::string& path, const EditAction& action, Block& block) {
     if (fill_)
         waiting_.push_back({path, action});
     else if (store_)
-        applyNow(path, action);
+        applyNow(path, action, block);
 }
 
-void LiveLayer::applyNow(const std::string& path, const EditAction& action) {
+void LiveLayer::applyNow(const std::string& path, const EditAction& action, Block& block) {
     if (apart_.take(path, action))
         surroundings_.wake();
     else
-        write(path, action);
-}
-
-void LiveLayer::place() {
-    if (store_) store_->place();
-    for (const auto& [path, field] : std::exchange(naming_, {}))
-        noteNamed(path, pxr::TfToken(field));
+        write(path, action, block);
 }
 
 void LiveLayer::applyApart() {
-    for (const EditAction& edit : apart_.next()) write("/", edit);
-    place();
+    Block block;
+    for (const EditAction& edit : apart_.next()) write("/", edit, block);
 }
 
-void LiveLayer::write(const std::string& path, const EditAction& action) {
-    const auto applied = store_->applyUnplaced(path, action);
+void LiveLayer::write(const std::string& path, const EditAction& action, Block& block) {
+    const auto applied = store_->apply(path, action, block);
     noteNames(path, action);
     if (!applied && !layer_->IsMuted())
         surroundings_.report(
@@ -231,7 +229,6 @@ Capture::Sealed LiveLayer::seal() {
     Capture::Sealed sealed;
     if (hasWrites()) sealed = capture_.seal(*store_, surroundings_.sink);
     for (const auto& edit : sealed.edits) noteNames(edit.path, edit.action);
-    place();
     if (std::exchange(reloadedWritten_, false))
         sealed.lost.push_back(
             {"/",
@@ -273,7 +270,7 @@ void LiveLayer::blobArrived(const Hash& hash) {
         const LayerDoc* view = surroundings_.view();
         return view ? view->field(path, field) : nullptr;
     });
-    for (const std::string& path : named) noteNamed(path, pxr::SdfFieldKeys->Clips);
+    for (const std::string& path : named) noteNaming(path, pxr::SdfFieldKeys->Clips);
 }
 
 void LiveLayer::onReplaced(const pxr::SdfNotice::LayerDidReplaceContent& notice) {

@@ -75,11 +75,8 @@ public:
     /// Replaces all content. Edits of apply() wait until it is built.
     void reset(const LayerDoc& doc);
     /// Edits of `expressionVariables` and `subLayers` wait for applyApart(). The others are
-    /// complete after place().
-    void apply(const std::string& path, const EditAction& action);
-    /// Writes lists of children and dictionaries that have changed. Call it in the change block of
-    /// apply().
-    void place();
+    /// complete at the end of the block.
+    void apply(const std::string& path, const EditAction& action, usd::SdfLayerStore::Block& block);
     /// Returns whether edits wait for applyApart().
     [[nodiscard]] bool hasApart() const { return !apart_.isEmpty(); }
     /// Applies the next of these edits. Call it in a change block of its own for each time.
@@ -114,9 +111,13 @@ public:
     /// named layers takes long, because Sdf reads every spec.
     [[nodiscard]] bool namesLayers() const { return namesLayers_; }
     [[nodiscard]] bool namesClips() const { return namesClips_; }
-    [[nodiscard]] bool hasNamed() const { return !named_.arcs.empty() || !named_.clips.empty(); }
-    /// Returns the asset paths that this layer has got since the last call.
-    [[nodiscard]] usd::LayerFill::Named takeNamed() { return std::exchange(named_, {}); }
+    /// Returns whether takeNamed() may return any.
+    [[nodiscard]] bool hasNamed() const {
+        return !naming_.empty() || !named_.arcs.empty() || !named_.clips.empty();
+    }
+    /// Returns the asset paths that this layer has got since the last call. Precondition: there is
+    /// no open block of apply().
+    [[nodiscard]] usd::LayerFill::Named takeNamed();
     /// Returns whether the layers that this layer uses may have changed since the last
     /// takeUsesChanged().
     [[nodiscard]] bool usesChanged() const { return usesChanged_; }
@@ -135,11 +136,12 @@ private:
     void reloaded();
     void noteUses();
     void noteNames(const std::string& path, const EditAction& action);
-    void noteNamed(std::string_view path, const pxr::TfToken& field);
+    void noteNaming(std::string path, std::string field);
     [[nodiscard]] Capture::Sealed sealMuted();
     [[nodiscard]] std::unique_ptr<BackgroundFill> newFill();
-    void applyNow(const std::string& path, const EditAction& action);
-    void write(const std::string& path, const EditAction& action);
+    using Block = usd::SdfLayerStore::Block;
+    void applyNow(const std::string& path, const EditAction& action, Block& block);
+    void write(const std::string& path, const EditAction& action, Block& block);
     void onReplaced(const pxr::SdfNotice::LayerDidReplaceContent& notice);
     void onMuteness(const pxr::SdfNotice::LayerMutenessChanged& notice);
     void onSaved(const pxr::SdfNotice::LayerDidSaveLayerToFile& notice);
@@ -167,7 +169,7 @@ private:
     bool reloadedWritten_ = false;     // it was reloaded then; not reported yet
     bool writtenBeforeMuted_ = false;  // written before the mute, and not sealed yet
     std::vector<std::pair<std::string, std::string>> takenOut_;  // paths and fields
-    // Paths and fields with other names of layers or clips since the last place().
+    // Paths and fields with other names of layers or clips since the last takeNamed().
     std::set<std::pair<std::string, std::string>> naming_;
     bool usesChanged_ = false;
     bool namesLayers_ = false;

@@ -14,8 +14,8 @@ struct ValueLess {
     bool operator()(const Value& left, const Value& right) const { return left < right; }
 };
 
-// An author sends up to this many parts even if the whole is shorter. Every replica applies them
-// one by one, and each may cost as much as the whole.
+// An author sends up to this many parts even if the whole is shorter, because colleagues may change
+// others. Every replica applies them one by one, and a part of a Map costs as much as the whole.
 constexpr std::size_t kMostParts = 1000;
 
 // Collects the parts in which one field differs, and the size of the whole for comparison.
@@ -50,7 +50,9 @@ public:
         const ListOp none;  // the content after the first item of another form
         for (std::size_t i = 0; i < kListNames && !whole_; ++i) {
             wholeSize_ += to.lists[i].size();
-            compare(ListName(i), (sameForm ? from : none).lists[i], to.lists[i], to.itemType);
+            const auto& old = (sameForm ? from : none).lists[i];
+            if (old != to.lists[i])
+                compare(ListName(i), old.values(), to.lists[i].values(), to.itemType);
         }
         whole_ = whole_ || wholeSize_ == 0;
     }
@@ -125,7 +127,6 @@ private:
     // next item is always in place.
     void compare(ListName list, const std::vector<Value>& from, const std::vector<Value>& to,
                  ValueType form) {
-        if (from == to) return;
         std::map<Value, std::size_t, ValueLess> places;  // in `from`
         for (std::size_t i = 0; i < from.size(); ++i) places.emplace(itemKey(from[i]), i);
         std::set<Value, ValueLess> wanted;

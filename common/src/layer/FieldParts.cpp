@@ -8,7 +8,6 @@
 #include <iterator>
 #include <string_view>
 
-#include "usdlive/common/core/ByteStream.h"
 #include "usdlive/common/core/Overloaded.h"
 #include "usdlive/common/core/Utf8.h"
 
@@ -82,14 +81,6 @@ auto sampleAt(auto& samples, double time) {
                             [](const auto& sample, double t) { return sample.first < t; });
 }
 
-// Returns the asset path of a sublayer, as itemKey().
-std::string_view assetOf(const Value& subLayer) { return ByteReader(subLayer.bytes()).text(); }
-
-auto itemAt(auto& items, const Value& item) {
-    return std::find_if(items.begin(), items.end(),
-                        [&](const Value& other) { return sameItem(item, other); });
-}
-
 auto mapEntryAt(auto& entries, const Value& key) {
     return std::find_if(entries.begin(), entries.end(),
                         [&](const auto& entry) { return entry.first == key; });
@@ -135,14 +126,7 @@ void setPart(FieldValue& field, const ListItem& part, const SetField& set) {
     auto& op = field.become<ListOp>();
     const bool explicitly = part.list == ListName::Explicit;
     if (op.itemType != set.form || op.isExplicit != explicitly) op = {set.form, explicitly, {}};
-    auto& items = op[part.list];
-    const auto at = itemAt(items, part.item);
-    if (part.before && sameItem(*part.before, part.item) && at != items.end()) {
-        *at = part.item;
-        return;
-    }
-    std::erase_if(items, [&](const Value& other) { return sameItem(part.item, other); });
-    items.insert(part.before ? itemAt(items, *part.before) : items.end(), part.item);
+    op[part.list].place(part.item, part.before);
 }
 
 void setPart(FieldValue& field, const MapKey& part, const SetField& set) {
@@ -176,15 +160,8 @@ bool holdsAlready(const FieldValue& field, const SampleTime& part, const SetFiel
 }
 bool holdsAlready(const FieldValue& field, const ListItem& part, const SetField& set) {
     const auto* op = field.as<ListOp>();
-    if (!op || op->itemType != set.form || op->isExplicit != (part.list == ListName::Explicit))
-        return false;
-    const auto& items = (*op)[part.list];
-    const auto at = itemAt(items, part.item);
-    if (at == items.end() || *at != part.item) return false;
-    if (std::any_of(at + 1, items.end(), [&](const Value& o) { return sameItem(o, part.item); }))
-        return false;
-    if (part.before && sameItem(*part.before, part.item)) return true;
-    return at + 1 == (part.before ? itemAt(items, *part.before) : items.end());
+    return op && op->itemType == set.form && op->isExplicit == (part.list == ListName::Explicit) &&
+           (*op)[part.list].isPlaced(part.item, part.before);
 }
 bool holdsAlready(const FieldValue& field, const MapKey& part, const SetField& set) {
     const auto* map = field.as<Map>();
@@ -209,11 +186,6 @@ const Dictionary::Entry* entryAt(const Dictionary* dictionary,
         dictionary = std::get_if<Dictionary>(entry);
     }
     return entry;
-}
-
-bool sameItem(const Value& left, const Value& right) {
-    if (left.type() != right.type()) return false;
-    return left.type() == ValueType::SubLayer ? assetOf(left) == assetOf(right) : left == right;
 }
 
 Result<void> checkSet(bool pseudoRoot, const SetField& set) {
@@ -283,7 +255,7 @@ bool holdsPart(const FieldValue& field, const FieldPart& part) {
         },
         [&](const ListItem& item) {
             const auto* op = field.as<ListOp>();
-            return op && itemAt((*op)[item.list], item.item) != (*op)[item.list].end();
+            return op && (*op)[item.list].find(item.item) != (*op)[item.list].end();
         },
         [&](const MapKey& key) {
             const auto* map = field.as<Map>();
@@ -307,8 +279,8 @@ bool erasePart(FieldValue& field, const FieldPart& part) {
         },
         [&](const ListItem& item) {
             auto& op = *field.as<ListOp>();
-            std::erase_if(op[item.list], [&](const Value& o) { return sameItem(item.item, o); });
-            const auto empty = [](const std::vector<Value>& items) { return items.empty(); };
+            op[item.list].remove(item.item);
+            const auto empty = [](const ListItems& items) { return items.empty(); };
             return op.isExplicit || !std::all_of(op.lists.begin(), op.lists.end(), empty);
         },
         [&](const MapKey& key) {

@@ -815,7 +815,7 @@ Result<std::vector<Value>> encodeItems(const std::vector<T>& items) {
 }
 
 template <class T>
-Result<std::vector<T>> decodeItems(const std::vector<Value>& values) {
+Result<std::vector<T>> decodeItems(const ListItems& values) {
     std::vector<T> items;
     items.reserve(values.size());
     for (const Value& value : values) {

@@ -24,28 +24,11 @@ using pxr::TfToken;
 using pxr::VtValue;
 using Elements = std::vector<PathElement>;
 
-// Holds blobs during one edit of a field that is read, changed and written back.
-class ScratchBlobs : public BlobSink, public BlobSource {
-public:
-    explicit ScratchBlobs(BlobSource& others) : others_(others) {}
-    void keepBlob(const Hash& hash, SharedBytes bytes) override {
-        kept_.emplace(hash, std::move(bytes));
-    }
-    SharedBytes blob(const Hash& hash) override {
-        const auto found = kept_.find(hash);
-        return found == kept_.end() ? others_.blob(hash) : found->second;
-    }
-
-private:
-    BlobSource& others_;
-    std::unordered_map<Hash, SharedBytes> kept_;
-};
-
-bool isOfKey(const EditAction& action) {
+bool isOfPart(const EditAction& action) {
     const auto* set = std::get_if<SetField>(&action);
     const auto* erase = std::get_if<EraseField>(&action);
-    return (set && std::holds_alternative<DictionaryKey>(set->part)) ||
-           (erase && std::holds_alternative<DictionaryKey>(erase->part));
+    return (set && !std::holds_alternative<std::monostate>(set->part)) ||
+           (erase && !std::holds_alternative<std::monostate>(erase->part));
 }
 
 }  // namespace
@@ -242,13 +225,13 @@ private:
             return proper;
         auto value = decodeValue(TfToken(), set.value, delegate_.blobs);
         if (!value) return orWait(field, set.value, value.error());
-        delegate_.changing(path_, field).SetValueAtPath(keys, *value);
+        delegate_.changingKeys(path_, field).SetValueAtPath(keys, *value);
         return {};
     }
 
     Result<void> eraseKey(const TfToken& field, const std::vector<std::string>& keys) {
         if (delegate_.hasKey(path_, field, keys))
-            delegate_.changing(path_, field).EraseValueAtPath(keys);
+            delegate_.changingKeys(path_, field).EraseValueAtPath(keys);
         return {};
     }
 
@@ -265,37 +248,24 @@ private:
         return {};
     }
 
-    // The general case: reads the field, changes it like the model, and writes it.
+    // The general case: changes the field's content like the model. A part that can be decoded
+    // alone can be decoded with the others.
     Result<void> setPart(const TfToken& field, const SetField& set) {
-        return change(field, [&](std::optional<FieldValue>& content) {
-            if (!content) content.emplace();
-            usdlive::setPart(*content, set);
-        });
+        FieldValue alone;
+        usdlive::setPart(alone, set);
+        const auto decoded = decodeField(path_, field, alone, delegate_.blobs);
+        if (!decoded && decoded.error().code != ErrorCode::BlobNotFound)
+            return tl::unexpected(within(decoded.error(), path_, field));
+        auto& content = delegate_.changingParts(path_, field);
+        if (!content) content.emplace();
+        usdlive::setPart(*content, set);
+        return {};
     }
 
     Result<void> erasePart(const TfToken& field, const EraseField& erase) {
-        return change(field, [&](std::optional<FieldValue>& content) {
-            if (!content || !holdsPart(*content, erase.part)) return;
-            if (!usdlive::erasePart(*content, erase.part)) content.reset();
-        });
-    }
-
-    template <class Change>
-    Result<void> change(const TfToken& field, const Change& change) {
-        ScratchBlobs blobs(delegate_.blobs);
-        const auto present = readField(delegate_.data(), path_, field, blobs);
-        // An unsupported value has another form than the part, which replaces it.
-        auto content = present ? *present : std::nullopt;
-        const auto before = content;
-        change(content);
-        if (content == before) return {};
-        if (!content) {
-            delegate_.erase(path_, field);
-            return {};
-        }
-        const auto decoded = decodeField(path_, field, *content, blobs);
-        if (!decoded) return orWait(field, *content, decoded.error());
-        delegate_.write(path_, field, *decoded);
+        auto& content = delegate_.changingParts(path_, field);
+        if (content && holdsPart(*content, erase.part) && !usdlive::erasePart(*content, erase.part))
+            content.reset();
         return {};
     }
 
@@ -335,6 +305,7 @@ SdfLayerStore::SdfLayerStore(pxr::SdfLayerHandle layer, BlobSource& blobs,
 }
 
 SdfLayerStore::~SdfLayerStore() {
+    delegate_->place();
     const auto layer = delegate_->layer();
     // Compares addresses, because under C++20 Tf's comparison of a weak pointer with a strong one
     // recurses endlessly.
@@ -344,26 +315,23 @@ SdfLayerStore::~SdfLayerStore() {
 
 const pxr::SdfLayerHandle& SdfLayerStore::layer() const { return delegate_->layer(); }
 
-Result<void> SdfLayerStore::apply(std::string_view path, const EditAction& action) {
-    const pxr::SdfChangeBlock block;
-    auto applied = applyUnplaced(path, action);
-    place();
-    return applied;
+SdfLayerStore::Block::Block() = default;
+SdfLayerStore::Block::~Block() {
+    for (const auto& delegate : delegates_) delegate->place();
 }
 
-Result<void> SdfLayerStore::applyUnplaced(std::string_view path, const EditAction& action) {
+Result<void> SdfLayerStore::apply(std::string_view path, const EditAction& action) {
+    Block block;
+    return apply(path, action, block);
+}
+
+Result<void> SdfLayerStore::apply(std::string_view path, const EditAction& action, Block& block) {
     const auto elements = specpath::parse(path);
     if (!elements) return tl::unexpected(elements.error());
-    const pxr::SdfChangeBlock block;
+    if (!std::exchange(delegate_->isInBlock, true)) block.delegates_.push_back(delegate_);
     const Delegate::Applying applying(*delegate_);
-    if (!isOfKey(action)) delegate_->writeKeys();
+    if (!isOfPart(action)) delegate_->writeParts();
     return std::visit(Applier(*delegate_, path, *elements), action);
-}
-
-void SdfLayerStore::place() {
-    const pxr::SdfChangeBlock block;
-    const Delegate::Applying applying(*delegate_);
-    delegate_->place();
 }
 
 void SdfLayerStore::blobArrived(

@@ -3,6 +3,7 @@
 #include "StoreDelegate.h"
 
 #include <pxr/base/vt/value.h>
+#include <pxr/usd/sdf/changeBlock.h>
 #include <pxr/usd/sdf/layer.h>
 #include <pxr/usd/sdf/schema.h>
 
@@ -224,28 +225,51 @@ ChildOrder& SdfLayerStore::Delegate::changing(const Path& parent, ChildList list
     return changing_.emplace(ChildListOf(parent, list), std::move(order)).first->second;
 }
 
-pxr::VtDictionary& SdfLayerStore::Delegate::changing(const Path& path, const Token& field) {
-    if (!isChanging(path, field)) {
-        writeKeys();
-        dictionary_ = {path, field, dictionaryIn(data().Get(path, field))};
+pxr::VtDictionary& SdfLayerStore::Delegate::changingKeys(const Path& path, const Token& field) {
+    if (!isOf(keys_, path, field)) {
+        writeParts();
+        keys_ = {path, field, dictionaryIn(data().Get(path, field))};
     }
-    return dictionary_->content;
+    return keys_->content;
 }
 
 bool SdfLayerStore::Delegate::hasKey(const Path& path, const Token& field,
                                      const std::vector<std::string>& keys) const {
-    if (isChanging(path, field)) return dictionary_->content.GetValueAtPath(keys);
+    if (isOf(keys_, path, field)) return keys_->content.GetValueAtPath(keys);
     return dictionaryIn(data().Get(path, field)).GetValueAtPath(keys);
 }
 
-void SdfLayerStore::Delegate::writeKeys() {
-    if (!dictionary_) return;
-    auto [path, field, content] = *std::exchange(dictionary_, std::nullopt);
-    SetField(path, field, content.empty() ? pxr::VtValue() : pxr::VtValue::Take(content));
+std::optional<FieldValue>& SdfLayerStore::Delegate::changingParts(const Path& path,
+                                                                  const Token& field) {
+    if (isOf(parts_, path, field)) return parts_->content;
+    writeParts();
+    ScratchBlobs scratch(blobs);
+    const auto present = readField(data(), path, field, scratch);
+    // An unsupported value has another form than the part, which replaces it.
+    const auto content = present ? *present : std::nullopt;
+    return parts_.emplace(ChangingParts{path, field, std::move(scratch), content, content}).content;
+}
+
+void SdfLayerStore::Delegate::writeParts() {
+    if (auto keys = std::exchange(keys_, std::nullopt))
+        SetField(keys->path, keys->field,
+                 keys->content.empty() ? pxr::VtValue() : pxr::VtValue::Take(keys->content));
+    auto parts = std::exchange(parts_, std::nullopt);
+    if (!parts || parts->content == parts->before) return;
+    if (!parts->content) return erase(parts->path, parts->field);
+    const auto decoded = decodeField(parts->path, parts->field, *parts->content, parts->blobs);
+    if (decoded)
+        write(parts->path, parts->field, *decoded);
+    else
+        waiting.add({parts->path, parts->field}, *parts->content, blobs);
 }
 
 void SdfLayerStore::Delegate::place() {
-    writeKeys();
+    isInBlock = false;
+    if (!layer_) return;
+    const pxr::SdfChangeBlock block;
+    const Applying applying(*this);
+    writeParts();
     for (const auto& [where, order] : std::exchange(changing_, {}))
         setChildren(where.first, where.second, order.names());
 }

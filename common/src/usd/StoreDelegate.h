@@ -40,6 +40,23 @@ private:
     std::map<Field, std::set<Hash>> hashes_;
 };
 
+/// Holds blobs during one change of a field that is read, changed and written back.
+class ScratchBlobs : public BlobSink, public BlobSource {
+public:
+    explicit ScratchBlobs(BlobSource& others) : others_(others) {}
+    void keepBlob(const Hash& hash, SharedBytes bytes) override {
+        kept_.emplace(hash, std::move(bytes));
+    }
+    SharedBytes blob(const Hash& hash) override {
+        const auto found = kept_.find(hash);
+        return found == kept_.end() ? others_.blob(hash) : found->second;
+    }
+
+private:
+    BlobSource& others_;
+    std::unordered_map<Hash, SharedBytes> kept_;
+};
+
 /// Converts text to SdfPath and caches the last results. Parsing a path costs more than a typical
 /// edit, and most edits are of siblings.
 class RecentPaths {
@@ -118,13 +135,17 @@ public:
     void append(const pxr::SdfPath& parent, ChildList list, const pxr::TfToken& name);
     /// Returns the order of a list, which changes now. The next place() writes it.
     ChildOrder& changing(const pxr::SdfPath& parent, ChildList list);
-    /// Returns the content of a dictionary, which changes now, or an empty one. Call writeKeys()
-    /// before an edit of anything but a key, because the next one may be of the same dictionary.
-    pxr::VtDictionary& changing(const pxr::SdfPath& path, const pxr::TfToken& field);
+    /// Returns the content of a dictionary, which changes now, or an empty one. The next
+    /// writeParts() writes it.
+    pxr::VtDictionary& changingKeys(const pxr::SdfPath& path, const pxr::TfToken& field);
     [[nodiscard]] bool hasKey(const pxr::SdfPath& path, const pxr::TfToken& field,
                               const std::vector<std::string>& keys) const;
-    void writeKeys();
-    /// Writes each list of children and the dictionary that have changed, once.
+    /// Like changingKeys(), for the content of any field in the form of the model, or nothing.
+    std::optional<FieldValue>& changingParts(const pxr::SdfPath& path, const pxr::TfToken& field);
+    /// Writes the field of which parts have changed. Call it before an edit of anything but a part,
+    /// because the next one may be of the same field.
+    void writeParts();
+    /// Writes each list of children and the field that have changed, once.
     void place();
     /// Writes the changed lists of a spec and of those below it. Call it before they are deleted or
     /// moved.
@@ -138,6 +159,7 @@ public:
     RecentPaths paths{tokens};
     /// Specs that were created or moved here since the layer's last change notice.
     std::unordered_set<pxr::SdfPath, pxr::SdfPath::Hash> added;
+    bool isInBlock = false;                         ///< a block will call place()
     bool filled = false;                            ///< the content is not that of the layer's file
     pxr::SdfLayerStateDelegateBaseRefPtr previous;  ///< the layer's former delegate
 
@@ -187,16 +209,25 @@ private:
 
     using ChildListOf = std::pair<Path, ChildList>;
     std::map<ChildListOf, ChildOrder> changing_;
-    [[nodiscard]] bool isChanging(const Path& path, const Token& field) const {
-        return dictionary_ && dictionary_->path == path && dictionary_->field == field;
-    }
 
-    struct ChangingDictionary {
+    struct ChangingKeys {
         Path path;
         Token field;
         pxr::VtDictionary content;
     };
-    std::optional<ChangingDictionary> dictionary_;
+    struct ChangingParts {
+        Path path;
+        Token field;
+        ScratchBlobs blobs;
+        std::optional<FieldValue> before;
+        std::optional<FieldValue> content;
+    };
+    static bool isOf(const auto& changing, const Path& path, const Token& field) {
+        return changing && changing->path == path && changing->field == field;
+    }
+    // At most one is set.
+    std::optional<ChangingKeys> keys_;
+    std::optional<ChangingParts> parts_;
     LayerWriteObserver* observer_;
     pxr::SdfLayerHandle layer_;
     pxr::TfNotice::Key changedKey_;

@@ -84,7 +84,8 @@ TEST(ValueBombs, F4DictionariesNestedATenThousandDeepAreRefused) {
 TEST(ValueBombs, F4AMillionItemsHaveAProportionalCost) {
     ListOp list;
     list.itemType = ValueType::Int;
-    list[ListName::Appended].assign(1'000'000, Value(ValueType::Int, Bytes{1, 2, 3, 4}));
+    list[ListName::Appended] =
+        std::vector<Value>(1'000'000, Value(ValueType::Int, Bytes{1, 2, 3, 4}));
     const Bytes bytes = encodeFieldValue(list);
     const Cost cost = costOf([&] { EXPECT_TRUE(decodeFieldValue(bytes)); });
     EXPECT_LE(cost.bytes, 8 * bytes.size());

@@ -79,9 +79,8 @@ protected:
     }
     void apply(const std::string& path, const EditAction& action) {
         ASSERT_TRUE(view.apply(path, action));
-        const pxr::SdfChangeBlock block;
-        live.apply(path, action);
-        live.place();
+        usd::SdfLayerStore::Block block;
+        live.apply(path, action, block);
     }
     void expectView() {
         for (int ms = 0; !live.isFilled() && ms < 60'000; ++ms) {

@@ -334,6 +334,68 @@ TEST(LayerDoc, ED4ManyPlacementsAtOnePlaceTakeLinearTime) {
 
 // ---- ED5, ED6: fields
 
+// Items of a list against a plain list: as many as need an index, and the same ones again.
+TEST(LayerDoc, ED5ED6ManyItemsOfAListGiveTheSameOrderAsAList) {
+    for (unsigned seed = 0; seed < seedsOf(100); ++seed) {
+        SCOPED_TRACE(seed);
+        std::mt19937 random(seed);
+        const auto below = [&](std::size_t end) { return random() % end; };
+        LayerDoc doc;
+        mustApply(doc, "/A", CreateSpec{SpecKind::Prim});
+        std::vector<Value> items;
+        const auto item = [&](std::size_t i) { return pathValue("/P" + std::to_string(i)); };
+        ListOp whole{ValueType::Path, true, {}};
+        for (std::size_t i = 0, count = below(60); i < count; ++i)
+            items.push_back(item(below(seed % 2 ? 100'000 : 60)));  // half of the seeds repeat some
+        whole[ListName::Explicit] = items;
+        mustApply(doc, "/A", SetField{"paths", {}, whole, ValueType::None});
+        LayerDoc copy;
+        for (int step = 0; step < 200; ++step) {
+            const Value one =
+                items.empty() || below(3) == 0 ? item(below(60)) : items[below(items.size())];
+            std::optional<Value> before;
+            if (below(3))
+                before =
+                    items.empty() || below(3) == 0 ? item(below(60)) : items[below(items.size())];
+            const ListItem part{ListName::Explicit, one, before};
+            const bool isThere = std::ranges::find(items, one) != items.end();
+            if (below(4)) {
+                if (!isThere || before != one) {
+                    std::erase(items, one);
+                    items.insert(before ? std::ranges::find(items, *before) : items.end(), one);
+                }
+                mustApply(doc, "/A", SetField{"paths", part, {}, ValueType::Path});
+            } else {
+                std::erase(items, one);
+                mustApply(doc, "/A", EraseField{"paths", part});
+            }
+            if (below(20) == 0) copy = doc;
+            ASSERT_EQ(doc.field("/A", "paths")->as<ListOp>()->lists[0], items) << step;
+        }
+    }
+}
+
+TEST(LayerDoc, ED5ED6ManyItemsOfAListTakeLinearTime) {
+    const auto cost = [](int count) {
+        LayerDoc doc;
+        mustApply(doc, "/A", CreateSpec{SpecKind::Prim});
+        const auto item = [](int i) { return pathValue("/P" + std::to_string(i)); };
+        const auto start = std::clock();
+        for (int i = 0; i < count; ++i)
+            mustApply(doc, "/A",
+                      SetField{"paths",
+                               ListItem{ListName::Appended, item(i), item(i - 1)},
+                               {},
+                               ValueType::Path});
+        for (int i = 0; i < count; i += 2)
+            mustApply(doc, "/A", EraseField{"paths", ListItem{ListName::Appended, item(i), {}}});
+        return double(std::clock() - start);
+    };
+    double ratio = 100;  // the best of some, because the machine may be busy
+    for (int i = 0; i < 5 && ratio > 2.5; ++i) ratio = std::min(ratio, cost(8'000) / cost(4'000));
+    EXPECT_LT(ratio, 2.5);
+}
+
 TEST(LayerDoc, ED5SetsAndED6ErasesAField) {
     LayerDoc doc = abc();
     EXPECT_TRUE(mustApply(doc, "/a", setInt("f", 1)).changed);

@@ -37,7 +37,4 @@ void setPart(FieldValue& field, const SetField& set);
 [[nodiscard]] const Dictionary::Entry* entryAt(const Dictionary* dictionary,
                                                const std::vector<std::string>& path);
 
-/// Returns true if both are the same item of a list (itemKey).
-[[nodiscard]] bool sameItem(const Value& left, const Value& right);
-
 }  // namespace usdlive

@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "usdlive/common/core/Box.h"
+#include "usdlive/common/layer/ListItems.h"
 #include "usdlive/common/layer/Value.h"
 
 namespace usdlive {
@@ -40,10 +41,10 @@ inline constexpr std::size_t kListNames = 6;
 struct ListOp {
     ValueType itemType = ValueType::None;
     bool isExplicit = false;
-    std::array<std::vector<Value>, kListNames> lists;
+    std::array<ListItems, kListNames> lists;
 
-    [[nodiscard]] std::vector<Value>& operator[](ListName name) { return lists[std::size_t(name)]; }
-    [[nodiscard]] const std::vector<Value>& operator[](ListName name) const {
+    [[nodiscard]] ListItems& operator[](ListName name) { return lists[std::size_t(name)]; }
+    [[nodiscard]] const ListItems& operator[](ListName name) const {
         return lists[std::size_t(name)];
     }
     bool operator==(const ListOp&) const = default;

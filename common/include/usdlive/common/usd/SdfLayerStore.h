@@ -1,6 +1,7 @@
 // Applies edits to an SdfLayer, observes its editor, and reads whole layers.
 #pragma once
 
+#include <pxr/usd/sdf/changeBlock.h>
 #include <pxr/usd/sdf/layer.h>
 
 #include <functional>
@@ -53,7 +54,24 @@ public:
 /// Keep it while the layer is live. Use it on the thread that owns the layer. Applied edits send
 /// the usual notices of Sdf (use one SdfChangeBlock around several) and never reach the observer.
 class SdfLayerStore {
+    class Delegate;
+
 public:
+    /// A change block for many edits of any layers, which takes linear time. Changes of a list of
+    /// children, and of the parts of a field, wait until it ends, before Sdf sends its notices.
+    class Block {
+    public:
+        Block();
+        ~Block();
+        Block(const Block&) = delete;
+        Block& operator=(const Block&) = delete;
+
+    private:
+        friend class SdfLayerStore;
+        const pxr::SdfChangeBlock block_;
+        std::vector<pxr::TfRefPtr<Delegate>> delegates_;  // with edits that may wait
+    };
+
     /// Installs itself on the layer. `observer` may be nullptr (a server, a test). Replaces an
     /// existing delegate; the destructor restores it.
     SdfLayerStore(pxr::SdfLayerHandle layer, BlobSource& blobs, LayerWriteObserver* observer);
@@ -67,11 +85,7 @@ public:
     /// as it is until blobArrived(). Errors are those of LayerDoc::apply(), and InvalidPath or
     /// UnsupportedValue for content that this OpenUSD does not support. An error changes nothing.
     Result<void> apply(std::string_view path, const EditAction& action);
-    /// Like apply(), but changes of a list of children or of a dictionary may wait for place(), so
-    /// that many of them take linear time. Call place() before the layer is used otherwise, in the
-    /// same change block.
-    Result<void> applyUnplaced(std::string_view path, const EditAction& action);
-    void place();
+    Result<void> apply(std::string_view path, const EditAction& action, Block& block);
 
     /// Sets the fields that waited for this blob and still need it. `current` returns the field's
     /// present content in the model.
@@ -89,7 +103,6 @@ public:
 
 private:
     class Applier;
-    class Delegate;
     friend class LayerFill;
     pxr::TfRefPtr<Delegate> delegate_;
 };
