@@ -1,0 +1,238 @@
+"""The processor time of the longest `tick()` grows in proportion to an edit: for each kind of edit, below one parent
+and below many, at its author, at a follower, and for an editor that joins then.
+
+`./run soak costs` has more items, and also an author who comes back after both have edited without each other, which
+takes long.
+"""
+
+import collections
+import contextlib
+import os
+import socket
+import threading
+import time
+
+import pytest
+import usdlive
+from conftest import Relay, wait
+from pxr import Sdf, Usd
+
+SOAK = os.environ.get("USDLIVE_COST_ITEMS")
+N = int(SOAK or "1000")
+MOST = 2.5  # for twice as many
+SHORT = 0.008  # seconds that decide nothing
+RUNS = 5  # at most; the shortest tick counts, because the machine may be busy
+
+
+def each(edit):
+    """A kind of edit that is made for each item, in one change block."""
+    def apply(layer, parents):
+        with Sdf.ChangeBlock():
+            for i, parent in enumerate(parents):
+                edit(layer, layer.GetPrimAtPath(parent), i)
+    return apply
+
+
+def batch(edit):
+    """A kind of edit that is one `Sdf.BatchNamespaceEdit` of all items."""
+    def apply(layer, parents):
+        edits = Sdf.BatchNamespaceEdit()
+        for i, parent in enumerate(parents):
+            edits.Add(edit(parent, i))
+        assert layer.Apply(edits)
+    return apply
+
+
+def item(owner, i):
+    return owner.nameChildren[f"a{i}"]
+
+
+def set_keys(layer, parents):
+    stage = Usd.Stage.Open(layer)
+    with Sdf.ChangeBlock():
+        for i, parent in enumerate(parents):
+            stage.GetPrimAtPath(parent).SetCustomDataByKey(f"new{i}", i)
+
+
+def set_dictionaries(layer, parents):
+    """Replaces half of the keys by others."""
+    with Sdf.ChangeBlock():
+        for parent, count in collections.Counter(parents).items():
+            layer.GetPrimAtPath(parent).SetInfo("customData", {f"k{i + count // 2}": 2 for i in range(count)})
+
+
+def change_list(layer, parents):
+    """Replaces half of the targets of each parent by others, and reverses them all."""
+    with Sdf.ChangeBlock():
+        for parent, count in collections.Counter(parents).items():
+            targets = layer.GetPrimAtPath(parent).relationships["had"].targetPathList
+            targets.explicitItems = [f"/Q/none{i}" for i in range(count // 2, count + count // 2)][::-1]
+
+
+def add_variant(layer, owner, i):
+    Sdf.VariantSpec(owner.variantSets.get("set") or Sdf.VariantSetSpec(owner, "set"), f"new{i}")
+
+
+def remove_variant(layer, owner, i):
+    variants = owner.variantSets["had"]
+    variants.RemoveVariant(variants.variants[f"v{i}"])
+
+
+def set_sublayers(layer, parents):
+    layer.subLayerPaths = [f"./none{i}.usda" for i in range(len(parents) // 10)]
+
+
+# Each leaves the items that the next ones need.
+KINDS = {
+    "value": each(lambda layer, owner, i: item(owner, i).properties["v"].SetInfo("default", i + .5)),
+    "first value": each(lambda layer, owner, i: owner.properties[f"p{i}"].SetInfo("default", i)),
+    "time sample": each(lambda layer, owner, i: layer.SetTimeSample(owner.path.AppendProperty("s"), i, i + .5)),
+    "erased time sample": each(lambda layer, owner, i: layer.EraseTimeSample(owner.path.AppendProperty("t"), i)),
+    "dictionary": set_dictionaries,
+    "dictionary key": set_keys,
+    "list op": each(lambda layer, owner, i: item(owner, i).SetInfo("apiSchemas", Sdf.TokenListOp.Create(["A", "B"]))),
+    "reference": each(lambda layer, owner, i: owner.referenceList.Append(Sdf.Reference("", f"/Q/none{i}"))),
+    "target": each(lambda layer, owner, i: owner.relationships["r"].targetPathList.Append(f"/Q/none{i}")),
+    "targets in another order": change_list,
+    "erased target": each(lambda layer, owner, i: owner.relationships["had"].targetPathList.Erase(f"/Q/none{i}")),
+    "connection": each(lambda layer, owner, i: item(owner, i).properties["v"].connectionPathList.Append(f"/Q.none{i}")),
+    "variant": each(add_variant),
+    "deleted variant": each(remove_variant),
+    "variant selection": each(lambda layer, owner, i: owner.variantSelections.update({f"set{i // 10}": "one"})),
+    "sublayer": set_sublayers,
+    "property": each(lambda layer, owner, i: Sdf.AttributeSpec(owner, f"new{i}", Sdf.ValueTypeNames.Int)),
+    "renamed property": batch(lambda parent, i: Sdf.NamespaceEdit.Rename(f"{parent}.p{i}", f"r{i}")),
+    "deleted property": each(lambda layer, owner, i: owner.RemoveProperty(owner.properties[f"r{i}"])),
+    "prim": each(lambda layer, owner, i: Sdf.PrimSpec(owner, f"new{i}", Sdf.SpecifierDef)),
+    "deleted prim": batch(lambda parent, i: Sdf.NamespaceEdit.Remove(f"{parent}/new{i}")),
+    "renamed prim": batch(lambda parent, i: Sdf.NamespaceEdit.Rename(f"{parent}/a{i}", f"r{i}")),
+    "prim with another parent": batch(lambda parent, i: Sdf.NamespaceEdit.Reparent(f"{parent}/r{i}", "/Q", -1)),
+    "prims with other parents": batch(lambda parent, i: Sdf.NamespaceEdit.Reparent(f"/Q/r{i}", f"/Q/to{i}", -1)),
+}
+PARENTS = {"one parent": lambda count: ["/P"] * count, "many parents": lambda count: [f"/P{i}" for i in range(count)]}
+
+
+def text(parents):
+    items: dict[str, list[int]] = {}
+    for i, parent in enumerate(parents):
+        items.setdefault(parent, []).append(i)
+    lines = ["#usda 1.0", 'def "Q" {', *(f'def "to{i}" {{ }}' for i in range(len(parents))), "}"]
+    for parent, numbers in items.items():
+        lines += [f'def "{parent[1:]}" (prepend variantSets = "had"',
+                  "customData = {", *(f"int k{i} = 1" for i in numbers), "}) {",
+                  "double s", "rel r", "double t.timeSamples = {", ",".join(f"{i}: 1" for i in numbers), "}",
+                  "rel had = [", ",".join(f"</Q/none{i}>" for i in numbers), "]",
+                  *(f"int p{i}" for i in numbers), *(f'def "a{i}" {{ double v = 1; }}' for i in numbers),
+                  'variantSet "had" = {', *(f'"v{i}" {{ }}' for i in numbers), "}", "}"]
+    return "\n".join(lines)
+
+
+class Line(Relay):
+    """A line to the server that can be cut. Meanwhile a new connection waits, so that it is there as soon as the line
+    is up."""
+
+    def __init__(self, server):
+        self.up = threading.Event()
+        self.up.set()
+        super().__init__(server)
+
+    def _serve(self, here):
+        self.up.wait()
+        with contextlib.suppress(OSError):
+            there = socket.create_connection(("127.0.0.1", self.server.port))
+            self._ends.append(there)
+            threading.Thread(target=self._copy, args=(there, here), daemon=True).start()
+            self._copy(here, there)
+
+    @staticmethod
+    def _copy(one, other):
+        with contextlib.suppress(OSError):
+            while data := one.recv(1 << 16):
+                other.sendall(data)
+        for end in (one, other):
+            with contextlib.suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
+
+    def cut(self):
+        self.up.clear()
+        for end in self._ends:
+            with contextlib.suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
+
+
+def longest(live, done):
+    """The processor time of the longest tick of `live`, until `done()`."""
+    most, end = 0.0, time.monotonic() + 60
+    while True:
+        start = time.thread_time()
+        live.tick()
+        most = max(most, time.thread_time() - start)
+        if done():
+            return most
+        assert time.monotonic() < end
+        time.sleep(0.001)
+
+
+class Editors:
+    """An author with a line that can be cut, a follower, and one who joins."""
+
+    def __init__(self, server, stack):
+        self.line, self.authors = Line(server), stack.enter_context(contextlib.ExitStack())
+        stack.callback(self.line.close)
+        self.bo = stack.enter_context(usdlive.connect(server.url, user="bo"))
+        self.cy = stack.enter_context(usdlive.connect(server.url, user="cy"))
+
+    def new_author(self):
+        self.authors.close()
+        return self.authors.enter_context(usdlive.connect(self.line.url, user="ada"))
+
+    def cut(self, ada, other, kind, parents):
+        """The author goes offline, and the follower adds a sibling of each item."""
+        self.line.cut()
+        wait(lambda: not ada.connected, ada)
+        with Sdf.ChangeBlock():
+            for i, parent in enumerate(parents):
+                Sdf.PrimSpec(other.GetPrimAtPath(parent), f"{kind.replace(' ', '_')}{i}", Sdf.SpecifierDef)
+        assert self.bo.flush()
+
+    def took(self, name, parents, offline):
+        """The longest tick of each editor for each kind of edit."""
+        took, bo, cy = {}, self.bo, self.cy
+        ada, other = None, bo.open_layer(name)
+        for kind, edit in KINDS.items():
+            if offline or not ada:  # A new client connects again without a delay.
+                ada = self.new_author()
+                layer = ada.open_layer(name)
+            if offline:
+                self.cut(ada, other, kind, parents)
+            edit(layer, parents)
+            took[kind, "author"] = longest(ada, lambda: True)
+            self.line.up.set()
+            took[kind, "author, then"] = longest(ada, lambda: ada.connected and ada.pending == 0)
+            took[kind, "follower"] = longest(bo, lambda: bo.revision >= ada.revision)
+        cy.request_open_layer(name)
+        took["all", "joining"] = longest(cy, lambda: cy.opened_layer(name) is not None)
+        assert cy.opened_layer(name).ExportToString() == other.ExportToString() == layer.ExportToString()
+        return took
+
+
+@pytest.mark.parametrize("where", PARENTS)
+@pytest.mark.parametrize("offline", ["online", "offline"] if SOAK else ["online"])
+def test_the_longest_tick_grows_in_proportion(offline, where, project, serve):
+    sizes, is_cut = (N, 2 * N), offline == "offline"
+    for count in sizes:
+        (project / f"0-{count}.usda").write_text(text(PARENTS[where](count)))
+        for run in range(1, RUNS):
+            os.link(project / f"0-{count}.usda", project / f"{run}-{count}.usda")
+    shortest: dict = {count: {} for count in sizes}
+    with contextlib.ExitStack() as stack:
+        editors = Editors(serve(project), stack)
+        for run in range(RUNS):
+            for count in sizes:
+                for cell, seconds in editors.took(f"{run}-{count}.usda", PARENTS[where](count), is_cut).items():
+                    shortest[count][cell] = min(seconds, shortest[count].get(cell, seconds))
+            slow = {cell: (round(seconds, 3), round(shortest[2 * N][cell], 3)) for cell, seconds in shortest[N].items()
+                    if shortest[2 * N][cell] > MOST * seconds + SHORT}
+            if not slow:
+                break
+    assert slow == {}
