@@ -1,6 +1,6 @@
 // Measures an editor's cost of following others.
 //
-//   --edits=10000  --rounds=5  --prims=20000
+//   --edits=10000  --rounds=5  --prims=20000  --paste=10000
 //
 // One client's tick() applies edits that another one authored and that have arrived already: as one
 // transaction, and as one for each edit. `ratio` compares it with as many SdfLayer::SetField calls
@@ -10,6 +10,10 @@
 // of `prims` prims that both editors have composed. `ratio` compares the follower's tick with the
 // cost of the edit for its author, both with their recomposition.
 //
+// `paste` is a subtree of that many prims, with two attributes each, that an author copies into a
+// layer. All editors have composed it. `authorRatio` compares the author's next tick with the copy
+// itself, `followerRatio` the follower's tick with the same copy into a layer that is not live.
+//
 // `arrayMiB` is one array that the editor itself sets: its longest tick until the server has the
 // array. `ratio` compares it with the time of encoding the array, which happens beside the frame.
 #include <pxr/base/gf/vec3d.h>
@@ -17,6 +21,7 @@
 #include <pxr/base/vt/array.h>
 #include <pxr/usd/sdf/attributeSpec.h>
 #include <pxr/usd/sdf/changeBlock.h>
+#include <pxr/usd/sdf/copyUtils.h>
 #include <pxr/usd/sdf/primSpec.h>
 
 #include <chrono>
@@ -197,6 +202,76 @@ void measureOverrides(int prims, int rounds) {
     measureOverride("removed", author, follower, rounds, remove, write);
 }
 
+// ---- a paste
+
+const pxr::SdfPath kSet("/Set");
+
+pxr::SdfLayerRefPtr subtree(int prims) {
+    auto layer = pxr::SdfLayer::CreateAnonymous(".usda");
+    const pxr::SdfChangeBlock block;
+    for (int prim = 0; prim < prims; ++prim) {
+        const auto path = kSet.AppendPath(pxr::SdfPath("g" + std::to_string(prim / kPrimsPerGroup) +
+                                                       "/p" + std::to_string(prim)));
+        const auto spec = pxr::SdfCreatePrimInLayer(layer, path);
+        spec->SetSpecifier(pxr::SdfSpecifierDef);
+        const auto& types = pxr::SdfValueTypeNames;
+        const auto size = pxr::SdfAttributeSpec::New(spec, "size", types->Double);
+        size->SetDefaultValue(pxr::VtValue(double(prim)));
+        const auto at = pxr::SdfAttributeSpec::New(spec, "at", types->Double3);
+        at->SetDefaultValue(valueOf(prim, 1));
+    }
+    return layer;
+}
+
+double paste(const pxr::SdfLayerHandle& from, const pxr::SdfLayerHandle& to, int round) {
+    const pxr::SdfPath target("/Pasted" + std::to_string(round));
+    const auto begin = Clock::now();
+    {
+        const pxr::SdfChangeBlock block;
+        if (!pxr::SdfCopySpec(from, kSet, to, target))
+            throw std::runtime_error("the prims cannot be copied");
+    }
+    return millisecondsSince(begin);
+}
+
+void measurePaste(int prims, int rounds) {
+    const TemporaryFolder folder;
+    std::ofstream(folder.path() / kLayer.value) << "#usda 1.0\n";
+    const ServerProcess server(folder.path(), {"--min-free-mib=1"}, {});
+    LiveClient author(server.url()), follower(server.url());
+    author.open();
+    follower.open();
+    const auto source = subtree(prims);
+    const auto bareLayer = pxr::SdfLayer::CreateAnonymous(".usda");
+    const ComposedPrims composed[]{ComposedPrims(author.layer), ComposedPrims(follower.layer),
+                                   ComposedPrims(bareLayer)};
+    std::vector<float> pastes, authors, followers, bare;
+    for (int round = 0; round < rounds; ++round) {
+        pastes.push_back(float(paste(source, author.layer, round)));
+        const auto begin = Clock::now();
+        author.client->tick();
+        authors.push_back(float(millisecondsSince(begin)));
+        if (!author.client->flush(600'000)) throw std::runtime_error("the paste was not committed");
+        std::this_thread::sleep_for(std::chrono::milliseconds(300 + prims / 50));
+        const auto arrived = Clock::now();
+        do follower.client->tick(1e9);
+        while (follower.client->revision() < author.client->revision());
+        followers.push_back(float(millisecondsSince(arrived)));
+        bare.push_back(float(paste(source, bareLayer, round)));
+    }
+    const double pasted = percentile(pastes, 0.5), wrote = percentile(authors, 0.5);
+    const double tick = percentile(followers, 0.5), ceiling = percentile(bare, 0.5);
+    print(nlohmann::ordered_json{{"bench", "tick"},
+                                 {"paste", prims},
+                                 {"pasteMs", pasted},
+                                 {"authorMs", wrote},
+                                 {"authorRatio", wrote / pasted},
+                                 {"bareMs", ceiling},
+                                 {"followerMs", tick},
+                                 {"followerRatio", tick / ceiling}}
+              .dump());
+}
+
 // ---- an array that the editor sets
 
 struct NoBlobs final : usdlive::usd::BlobSink {
@@ -246,8 +321,10 @@ int main(int argc, char** argv) {
         const int edits = arguments.number("--edits", 10'000);
         const int rounds = arguments.number("--rounds", 5);
         const int prims = arguments.number("--prims", 20'000);
+        const int pasted = arguments.number("--paste", 10'000);
         arguments.finish();
         measureOverrides(prims, rounds);
+        measurePaste(pasted, rounds);
         const TemporaryFolder folder;
         writeLayer(folder.path(), edits);
         const ServerProcess server(folder.path(), {"--min-free-mib=1"}, {});
