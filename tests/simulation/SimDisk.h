@@ -1,10 +1,12 @@
 // The simulated disk of the server.
 #pragma once
 
+#include <algorithm>
 #include <memory>
 #include <utility>
 #include <vector>
 
+#include "usdlive/server/project/CommitContent.h"
 #include "usdlive/server/storage/BlobStore.h"
 #include "usdlive/server/storage/MemoryCommitStore.h"
 
@@ -91,6 +93,12 @@ private:
             if (one.revision <= commits_.size()) (void)store_->addCheckpoint(one);
         (void)store_->compact(std::min<Revision>(before.base().revision, commits_.size()),
                               [] { return true; });
+        // A store has been opened by the server that made its newest commit (SE3).
+        if (!commits_.empty()) {
+            const server::CommitRecord& newest = commits_.back();
+            const auto commit = server::decodeCommit({newest.revision, newest.frame, newest.hash});
+            epoch = std::max(epoch, commit->epoch);
+        }
         while (store_->head().epoch < epoch) store_ = server::createMemoryCommitStore(disk_);
     }
 
