@@ -3,6 +3,7 @@
 #include <pxr/usd/sdf/primSpec.h>
 #include <pxr/usd/sdf/schema.h>
 #include <usdlive/client/usd/Client.h>
+#include <usdlive/client/usd/layers/AutoAuthoring.h>
 #include <usdlive/client/usd/layers/Layers.h>
 
 #include <chrono>
@@ -25,6 +26,13 @@ void comment(layers::Layers& editor, const std::string& text) {
     const auto target = editor.host().editTarget();
     pxr::SdfCreatePrimInLayer(target, world);
     target->SetField(world, pxr::SdfFieldKeys->Comment, text);
+}
+
+// Clears the documentation of /World. Clearing gives the edit target what the layers have.
+void clearDocumentation(layers::Layers& editor) {
+    const pxr::SdfPath world("/World");
+    const layers::Clearing clearing(editor.autoAuthoring(), {world});
+    editor.host().editTarget()->EraseField(world, pxr::SdfFieldKeys->Documentation);
 }
 
 void frame(usdlive::Client& live, layers::Layers& editor) {
@@ -64,6 +72,7 @@ int main(int argc, char** argv) {
     if (const auto set = editor.setEditMode(layers::LayerEditMode::AutoAuthoring); !set)
         return std::cerr << set.error().text << "\n", 1;
     comment(editor, "edited by " + std::string(argv[3]));
+    clearDocumentation(editor);
     frame(live, editor);
     for (const auto& layer : state.dirtyLayerIdentifiers()) std::cout << "edited " << layer << "\n";
 
