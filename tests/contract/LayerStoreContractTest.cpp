@@ -312,7 +312,7 @@ private:
     EditAction samplesEdit() {
         const SampleTime part{oneOf<double>({0, -0.0, 1, 2.5, -3, 1e10, 1.0 / 0.0})};
         TimeSamples whole;
-        for (double time = 0; below(3); ++time) whole.samples.emplace_back(time, leaf());
+        for (double time = 0; below(3); ++time) whole.samples.emplace(time, leaf());
         switch (below(6)) {
             case 0:
                 return SetField{"timeSamples", {}, whole};

@@ -9,6 +9,7 @@ import collections
 import contextlib
 import os
 import socket
+import statistics
 import threading
 import time
 
@@ -18,10 +19,11 @@ from conftest import Relay, wait
 from pxr import Sdf, Usd
 
 SOAK = os.environ.get("USDLIVE_COST_ITEMS")
-N = int(SOAK or "1000")
+N = int(SOAK or "3200")
+DOUBLINGS = 3  # One is not enough: with cold caches, twice as many items can take three times as long.
 MOST = 2.5  # for twice as many
 SHORT = 0.008  # seconds that decide nothing
-RUNS = 5  # at most; the shortest tick counts, because the machine may be busy
+RUNS = 5  # at most; the median counts
 
 
 def each(edit):
@@ -219,20 +221,20 @@ class Editors:
 @pytest.mark.parametrize("where", PARENTS)
 @pytest.mark.parametrize("offline", ["online", "offline"] if SOAK else ["online"])
 def test_the_longest_tick_grows_in_proportion(offline, where, project, serve):
-    sizes, is_cut = (N, 2 * N), offline == "offline"
+    sizes, is_cut = (N >> DOUBLINGS, N), offline == "offline"
     for count in sizes:
         (project / f"0-{count}.usda").write_text(text(PARENTS[where](count)))
         for run in range(1, RUNS):
             os.link(project / f"0-{count}.usda", project / f"{run}-{count}.usda")
-    shortest: dict = {count: {} for count in sizes}
+    took: dict = collections.defaultdict(lambda: {count: [] for count in sizes})
     with contextlib.ExitStack() as stack:
         editors = Editors(serve(project), stack)
         for run in range(RUNS):
             for count in sizes:
                 for cell, seconds in editors.took(f"{run}-{count}.usda", PARENTS[where](count), is_cut).items():
-                    shortest[count][cell] = min(seconds, shortest[count].get(cell, seconds))
-            slow = {cell: (round(seconds, 3), round(shortest[2 * N][cell], 3)) for cell, seconds in shortest[N].items()
-                    if shortest[2 * N][cell] > MOST * seconds + SHORT}
+                    took[cell][count].append(round(seconds, 4))
+            slow = {cell: times for cell, times in took.items()
+                    if statistics.median(times[N]) > MOST ** DOUBLINGS * statistics.median(times[N >> DOUBLINGS]) + SHORT}
             if not slow:
                 break
     assert slow == {}

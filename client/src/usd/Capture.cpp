@@ -70,9 +70,8 @@ std::vector<std::string> splitKeyPath(const TfToken& keyPath) {
 const Value* sampleAt(const FieldValue* field, double time) {
     const TimeSamples* samples = field ? field->as<TimeSamples>() : nullptr;
     if (!samples) return nullptr;
-    const auto at = std::lower_bound(samples->samples.begin(), samples->samples.end(), time,
-                                     [](const auto& sample, double t) { return sample.first < t; });
-    return at != samples->samples.end() && at->first == time ? &at->second : nullptr;
+    const auto at = samples->samples.find(time);
+    return at == samples->samples.end() ? nullptr : &at->second;
 }
 
 std::size_t bytesOf(const pxr::VtValue& array) {

@@ -61,7 +61,7 @@ private:
 
     static const Value* leafOf(const FieldValue& value) {
         if (const auto* samples = value.as<TimeSamples>())
-            return samples->samples.empty() ? nullptr : &samples->samples.front().second;
+            return samples->samples.empty() ? nullptr : &samples->samples.begin()->second;
         return value.as<Value>();
     }
 

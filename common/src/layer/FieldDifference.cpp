@@ -234,12 +234,6 @@ std::vector<EditAction> authoredParts(std::string_view field, const FieldValue* 
 
 FieldValue unitedParts(std::string_view field, const FieldValue& present, const FieldValue& added) {
     FieldValue united = present;
-    const auto* samples = added.as<TimeSamples>();
-    if (const auto* old = present.as<TimeSamples>(); samples && old) {  // often very many
-        std::map<double, Value> all(samples->samples.begin(), samples->samples.end());
-        all.insert(old->samples.begin(), old->samples.end());
-        return TimeSamples{{all.begin(), all.end()}};
-    }
     for (const EditAction& action : authoredParts(field, nullptr, &added))
         setPart(united, std::get<SetField>(action));
     return united;

@@ -15,8 +15,6 @@ namespace usdlive {
 
 namespace {
 
-using Samples = std::vector<std::pair<double, Value>>;
-
 tl::unexpected<Error> invalidEdit(const std::string& field, const char* problem) {
     return fail(ErrorCode::InvalidEdit, "the edit of the field " + inQuotes(field) + " " + problem);
 }
@@ -76,11 +74,6 @@ Result<void> checkTimeCodes(const SetField& set) {
     return {};
 }
 
-auto sampleAt(auto& samples, double time) {
-    return std::lower_bound(samples.begin(), samples.end(), time,
-                            [](const auto& sample, double t) { return sample.first < t; });
-}
-
 auto mapEntryAt(auto& entries, const Value& key) {
     return std::find_if(entries.begin(), entries.end(),
                         [&](const auto& entry) { return entry.first == key; });
@@ -113,13 +106,7 @@ void setPart(FieldValue& field, const DictionaryKey& part, const SetField& set) 
 }
 
 void setPart(FieldValue& field, const SampleTime& part, const SetField& set) {
-    auto& samples = field.become<TimeSamples>().samples;
-    const auto at = sampleAt(samples, part.time);
-    const Value& value = *set.value.as<Value>();
-    if (at != samples.end() && at->first == part.time)
-        at->second = value;
-    else
-        samples.emplace(at, part.time, value);
+    field.become<TimeSamples>().samples.insert_or_assign(part.time, *set.value.as<Value>());
 }
 
 void setPart(FieldValue& field, const ListItem& part, const SetField& set) {
@@ -154,9 +141,8 @@ bool holdsAlready(const FieldValue& field, const DictionaryKey& part, const SetF
 bool holdsAlready(const FieldValue& field, const SampleTime& part, const SetField& set) {
     const auto* content = field.as<TimeSamples>();
     if (!content) return false;
-    const auto at = sampleAt(content->samples, part.time);
-    return at != content->samples.end() && at->first == part.time &&
-           at->second == *set.value.as<Value>();
+    const auto at = content->samples.find(part.time);
+    return at != content->samples.end() && at->second == *set.value.as<Value>();
 }
 bool holdsAlready(const FieldValue& field, const ListItem& part, const SetField& set) {
     const auto* op = field.as<ListOp>();
@@ -249,9 +235,7 @@ bool holdsPart(const FieldValue& field, const FieldPart& part) {
         },
         [&](const SampleTime& sample) {
             const auto* content = field.as<TimeSamples>();
-            if (!content) return false;
-            const auto at = sampleAt(content->samples, sample.time);
-            return at != content->samples.end() && at->first == sample.time;
+            return content && content->samples.contains(sample.time);
         },
         [&](const ListItem& item) {
             const auto* op = field.as<ListOp>();
@@ -274,7 +258,7 @@ bool erasePart(FieldValue& field, const FieldPart& part) {
         },
         [&](const SampleTime& sample) {
             auto& samples = field.as<TimeSamples>()->samples;
-            samples.erase(sampleAt(samples, sample.time));
+            samples.erase(sample.time);
             return !samples.empty();
         },
         [&](const ListItem& item) {

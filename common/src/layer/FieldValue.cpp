@@ -122,7 +122,7 @@ TimeSamples readTimeSamples(ByteReader& in) {
     TimeSamples samples;
     for (std::uint64_t left = in.u64(); left > 0; --left) {
         const double time = in.f64();
-        samples.samples.emplace_back(time, readLeaf(in));
+        samples.samples.emplace_hint(samples.samples.end(), time, readLeaf(in));
     }
     return samples;
 }

@@ -57,13 +57,12 @@ Result<Dictionary> encodeDictionary(const pxr::VtDictionary& dictionary, BlobSin
 
 Result<FieldValue> encodeTimeSamples(const pxr::SdfTimeSampleMap& map, BlobSink& blobs) {
     TimeSamples result;
-    result.samples.reserve(map.size());
     for (const auto& [time, value] : map) {
         if (!std::isfinite(time))
             return fail(ErrorCode::UnsupportedValue, "a time sample's time is not a finite number");
         auto leaf = encodeLeaf(value, blobs);
         if (!leaf) return tl::unexpected(within(leaf.error(), "time " + std::to_string(time)));
-        result.samples.emplace_back(time, *std::move(leaf));
+        result.samples.emplace_hint(result.samples.end(), time, *std::move(leaf));
     }
     return FieldValue(std::move(result));
 }

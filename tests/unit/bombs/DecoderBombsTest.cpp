@@ -202,7 +202,7 @@ TEST(FrameBombs, FR7TheSameCompositeValueOverAndOver) {
 
     TimeSamples samples;
     for (int number = 0; number < 3000; ++number)
-        samples.samples.emplace_back(number, Value(ValueType::Block, Bytes()));
+        samples.samples.emplace(number, Value(ValueType::Block, Bytes()));
     FrameBomb inSamples;
     expectBounded(inSamples.submit(inSamples.set(samples), kBombBytes));
 }

@@ -149,9 +149,13 @@ TEST(FieldValue, V10LevelsInsideALeafCountFromZero) {
 
 TEST(FieldValue, V10TimesAreFiniteAndAscend) {
     const auto withTimes = [](std::initializer_list<double> times) {
-        TimeSamples samples;
-        for (const double time : times) samples.samples.emplace_back(time, doubleValue(1));
-        return FieldValue(samples);
+        Bytes body;
+        appendNumber<std::uint64_t>(body, times.size());
+        for (const double time : times) {
+            appendNumber<double>(body, time);
+            appendBytes(body, encoded(doubleValue(1)));
+        }
+        return encodedAs(ValueType::TimeSamples, body);
     };
     EXPECT_TRUE(isDecodable(withTimes({})));
     EXPECT_TRUE(isDecodable(withTimes({-1.5, 0, 1e300})));

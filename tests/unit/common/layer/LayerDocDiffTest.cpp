@@ -293,7 +293,7 @@ TEST(FieldDifference, M1AnAuthorSendsPartsAlsoWhereTheWholeIsShorter) {
     EXPECT_EQ(partsOf(nullptr, tokens("aa")), whole);
     // So many parts would be longer than the whole field.
     TimeSamples many;
-    for (int time = 0; time < 5000; ++time) many.samples.emplace_back(time, intValue(1));
+    for (int time = 0; time < 5000; ++time) many.samples.emplace(time, intValue(1));
     EXPECT_EQ(partsOf(nullptr, many), whole);
 }
 

@@ -174,7 +174,7 @@ public:
             case 2: {
                 TimeSamples made;
                 for (int time = 0; time < 5; ++time)
-                    if (chance(2)) made.samples.emplace_back(time, smallValue());
+                    if (chance(2)) made.samples.emplace(time, smallValue());
                 return made;
             }
             case 3:

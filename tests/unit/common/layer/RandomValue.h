@@ -77,7 +77,7 @@ public:
         TimeSamples out;
         double time = -double(below(1000));
         for (auto left = below(5); left > 0; --left) {
-            out.samples.emplace_back(time, leafOrBlob());
+            out.samples.emplace(time, leafOrBlob());
             time += 0.25 + below(9);
         }
         return out;

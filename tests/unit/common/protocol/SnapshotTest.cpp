@@ -82,7 +82,7 @@ TEST(Snapshot, SN1IsCutIntoChunks) {
 TEST(Snapshot, SN1AFieldLongerThanAChunkIsDivided) {
     TimeSamples samples;
     for (int number = 0; number < 300'000; ++number)
-        samples.samples.emplace_back(double(number), doubleValue(number * 0.5));
+        samples.samples.emplace(double(number), doubleValue(number * 0.5));
     LayerDoc doc = sample();
     apply(doc, "/B/Moved.x", SetField{"timeSamples", {}, samples, {}});
     apply(doc, "/B/Moved.x", SetField{"zLast", {}, doubleValue(1), {}});

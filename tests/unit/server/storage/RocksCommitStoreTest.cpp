@@ -603,7 +603,7 @@ TEST(RocksCommitStore, ASampleOfManyIsASmallWrite) {
     TestCommits commits;
     const auto store = open(folder.path);
     TimeSamples many;
-    for (int time = 0; time < 100'000; ++time) many.samples.emplace_back(time, doubleValue(time));
+    for (int time = 0; time < 100'000; ++time) many.samples.emplace(time, doubleValue(time));
     append(*store, std::vector{commits.next(kStoredLayer, "/", SetField{"timeSamples", {}, many})});
     const auto written = [&] {
         std::uintmax_t bytes = 0;

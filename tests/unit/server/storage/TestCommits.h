@@ -155,7 +155,7 @@ private:
     TimeSamples samples() {
         TimeSamples all;
         for (std::size_t at = 0, end = below(5); at < end; ++at)
-            all.samples.emplace_back(double(at) - 2.5, doubleValue(double(random_())));
+            all.samples.emplace(double(at) - 2.5, doubleValue(double(random_())));
         return all;
     }
 

@@ -28,7 +28,7 @@ struct Dictionary {
 
 /// Samples sorted by time. Times are finite and distinct.
 struct TimeSamples {
-    std::vector<std::pair<double, Value>> samples;
+    std::map<double, Value> samples;
     bool operator==(const TimeSamples&) const = default;
 };
 
