@@ -7,12 +7,13 @@
 #include <pxr/usd/sdf/listOp.h>
 #include <pxr/usd/sdf/namespaceEdit.h>
 #include <pxr/usd/sdf/payload.h>
+#include <pxr/usd/sdf/primSpec.h>
 #include <pxr/usd/sdf/reference.h>
 #include <pxr/usd/sdf/schema.h>
 
 #include <algorithm>
-#include <map>
 #include <optional>
+#include <unordered_map>
 #include <unordered_set>
 
 #include "usd/content/SpecEdits.h"
@@ -29,7 +30,7 @@ using pxr::VtValue;
 
 namespace {
 
-using Places = std::map<TfToken, std::size_t>;
+using Places = std::unordered_map<TfToken, std::size_t, TfToken::HashFunctor>;
 
 Places placesOf(const TfTokenVector& names) {
     Places places;
@@ -37,9 +38,25 @@ Places placesOf(const TfTokenVector& names) {
     return places;
 }
 
-void reorder(const SdfLayerHandle& layer, const SdfPath& path, std::size_t index) {
+// Sdf copies the names of all children for each move. Setting the order takes as long as several
+// moves.
+constexpr std::size_t kFewMoves = 8;
+
+void setOrder(const SdfLayerHandle& layer, const SdfPath& parent, const TfTokenVector& order) {
+    pxr::SdfPrimSpecHandleVector prims;
+    for (const TfToken& name : order)
+        prims.push_back(layer->GetPrimAtPath(parent.AppendChild(name)));
+    layer->GetPrimAtPath(parent)->SetNameChildren(prims);
+}
+
+// Moves a child to the place behind `previous`, or to the first one if that is empty.
+void moveBehind(const SdfLayerHandle& layer, const SdfPath& parent, const TfToken& name,
+                const TfToken& previous) {
+    const auto names = primChildren(layer, parent);
+    const auto place = std::ranges::find(names, previous);
+    const auto index = place == names.end() ? 0 : place - names.begin() + 1;
     pxr::SdfBatchNamespaceEdit edits;
-    edits.Add(pxr::SdfNamespaceEdit::Reorder(path, int(index)));
+    edits.Add(pxr::SdfNamespaceEdit::Reorder(parent.AppendChild(name), int(index)));
     pxr::TfErrorMark errors;  // OpenUSD 26.8 succeeds but reports that the paths overlap
     layer->Apply(edits);
     errors.Clear();
@@ -112,19 +129,40 @@ TfTokenVector primChildren(const SdfLayerHandle& layer, const SdfPath& parent) {
     return layer->GetFieldAs<TfTokenVector>(parent, pxr::SdfChildrenKeys->PrimChildren);
 }
 
-void arrange(const SdfLayerHandle& layer, const SdfPath& parent, const TfTokenVector& order,
-             const std::set<TfToken>& names) {
-    Places places = placesOf(primChildren(layer, parent));
+TfTokenVector arranged(const TfTokenVector& children, const TfTokenVector& order,
+                       const std::set<TfToken>& names) {
+    const Places places = placesOf(children);
+    std::vector<TfTokenVector> moved(children.size() + 1);  // before each child, and at the end
+    std::vector<bool> moves(children.size());
     std::size_t next = 0;  // after all visited ones
     for (const TfToken& name : order) {
         const auto place = places.find(name);
         if (place == places.end()) continue;
-        if (names.contains(name) && place->second != next) {
-            reorder(layer, parent.AppendChild(name), next);
-            places = placesOf(primChildren(layer, parent));
+        if (names.contains(name)) {
+            moves[place->second] = true;
+            moved[next].push_back(name);
+        } else {
+            next = std::max(next, place->second + 1);
         }
-        next = std::max(next, places.at(name) + 1);
     }
+    TfTokenVector result = std::move(moved[0]);
+    for (std::size_t i = 0; i < children.size(); ++i) {
+        if (!moves[i]) result.push_back(children[i]);
+        std::ranges::move(moved[i + 1], std::back_inserter(result));
+    }
+    return result;
+}
+
+void arrange(const SdfLayerHandle& layer, const SdfPath& parent, const TfTokenVector& order,
+             const std::set<TfToken>& names) {
+    const auto present = primChildren(layer, parent);
+    const auto wanted = arranged(present, order, names);
+    if (wanted == present || !layer->PermissionToEdit()) return;
+    const auto moving = misplaced(present, wanted);
+    if (moving.size() > kFewMoves) return setOrder(layer, parent, wanted);
+    for (std::size_t i = 0; i < wanted.size(); ++i)
+        if (moving.contains(wanted[i]))
+            moveBehind(layer, parent, wanted[i], i > 0 ? wanted[i - 1] : TfToken());
 }
 
 void makeLike(const SdfLayerHandle& layer, const SdfLayerHandle& wanted, const SdfPath& root) {

@@ -24,6 +24,10 @@ namespace usdlive::content {
 /// Returns the names of the prims below a prim, a variant or the pseudo-root, in order.
 [[nodiscard]] pxr::TfTokenVector primChildren(const pxr::SdfLayerHandle& layer,
                                               const pxr::SdfPath& parent);
+/// Returns `children` with each of those in `names` behind the siblings that precede it in `order`.
+[[nodiscard]] pxr::TfTokenVector arranged(const pxr::TfTokenVector& children,
+                                          const pxr::TfTokenVector& order,
+                                          const std::set<pxr::TfToken>& names);
 /// Moves each existing child in `names` behind the siblings that precede it in `order`.
 void arrange(const pxr::SdfLayerHandle& layer, const pxr::SdfPath& parent,
              const pxr::TfTokenVector& order, const std::set<pxr::TfToken>& names);

@@ -11,6 +11,7 @@
 #include <set>
 #include <tuple>
 #include <unordered_map>
+#include <unordered_set>
 #include <utility>
 
 #include "usd/content/LayerEdits.h"
@@ -27,30 +28,64 @@ using pxr::TfToken;
 using pxr::TfTokenVector;
 using pxr::VtValue;
 
+using Names = std::unordered_set<TfToken, TfToken::HashFunctor>;
+
 constexpr const char* kWrittenSince = "another user has written it since";
+
+/// The order of the children of a prim, a variant or the pseudo-root when one of them was first
+/// touched, and when the recording ended.
+struct ChildOrder {
+    explicit ChildOrder(SdfPath of) : parent(std::move(of)) {}
+    /// Gives children that were created since their places among the others.
+    void include(const TfTokenVector& present);
+
+    SdfPath parent;
+    TfTokenVector before, after;
+    Names names;  ///< in `before`
+};
+
+/// The content that the scopes of one layer share. Each of many siblings can be a scope, and a list
+/// of all of them and a layer for each would be superlinear.
+struct SharedContent {
+    std::map<SdfPath, std::shared_ptr<ChildOrder>> orders;  // by parent
+    SdfLayerRefPtr specs;                                   // copies; null: none yet
+};
+
+void ChildOrder::include(const TfTokenVector& present) {
+    if (before.empty()) {
+        before = present;
+        names.insert(present.begin(), present.end());
+        return;
+    }
+    std::set<TfToken> added;
+    for (const TfToken& name : present)
+        if (names.insert(name).second) added.insert(name);
+    before.insert(before.end(), added.begin(), added.end());
+    before = arranged(before, present, added);
+}
 
 /// The content of a layer at a path, with `deep` also below, at one moment.
 class LayerScope {
 public:
     LayerScope(SdfLayerRefPtr layer, SdfPath root, bool deep);
     /// Returns the content of the same scope now.
-    [[nodiscard]] LayerScope now() const;
+    [[nodiscard]] LayerScope now() const { return {layer, root, deep}; }
 
     [[nodiscard]] bool has(const SdfPath& path) const { return fields.contains(path); }
-    /// Copies the specs themselves, for those that will be deleted.
-    void keepSpecs();
+    /// Keeps what restores specs that will be deleted: copies of them, and their places.
+    void keepSpecs(SharedContent& shared);
 
     SdfLayerRefPtr layer;
     SdfPath root;
     bool deep;
     std::vector<SdfPath> paths;  ///< parents first, siblings in reverse order
     std::unordered_map<SdfPath, Fields, SdfPath::Hash> fields;
-    std::map<SdfPath, TfTokenVector> order;  ///< the order of the children of prims
-    SdfLayerRefPtr specs;
+    std::vector<std::shared_ptr<ChildOrder>> orders;
+    SdfLayerRefPtr specs;  ///< null: not kept
     std::shared_ptr<OthersWrites> others;
 
 private:
-    void keepOrder(const SdfPath& parent) { order[parent] = primChildren(layer, parent); }
+    void keepOrders(SharedContent& shared);
 };
 
 LayerScope::LayerScope(SdfLayerRefPtr of, SdfPath at, bool isDeep)
@@ -59,31 +94,111 @@ LayerScope::LayerScope(SdfLayerRefPtr of, SdfPath at, bool isDeep)
         paths = pathsBelow(layer, root);
     else if (layer->HasSpec(root))
         paths = {root};
-    for (const SdfPath& path : paths) {
-        fields.emplace(path, readFields(layer, path));
-        if (!path.IsPropertyPath()) keepOrder(path);
-    }
+    for (const SdfPath& path : paths) fields.emplace(path, readFields(layer, path));
 }
 
-LayerScope LayerScope::now() const {
-    LayerScope scope(layer, root, deep);
-    for (const auto& [parent, names] : order) scope.keepOrder(parent);
-    return scope;
-}
-
-void LayerScope::keepSpecs() {
-    // A prim that will be deleted is restored to its place. Others do not change the order of their
-    // siblings, and copying it for each of many siblings would be superlinear.
-    if (deep && root.IsPrimPath() && has(root)) keepOrder(root.GetParentPath());
-    specs = pxr::SdfLayer::CreateAnonymous(".usda");
-    if (!deep) return;
+void LayerScope::keepSpecs(SharedContent& shared) {
+    keepOrders(shared);
+    if (!deep || !has(root)) return;
+    if (!shared.specs || shared.specs->HasSpec(root))  // earlier scopes can be below this one
+        shared.specs = pxr::SdfLayer::CreateAnonymous(".usda");
+    specs = shared.specs;
     if (root == SdfPath::AbsoluteRootPath()) {
         for (const TfToken& name : primChildren(layer, root))
             pxr::SdfCopySpec(layer, root.AppendChild(name), specs, root.AppendChild(name));
-    } else if (has(root)) {
+    } else {
         const SdfPath owner = root.GetParentPath();
         if (owner != SdfPath::AbsoluteRootPath()) pxr::SdfCreatePrimInLayer(specs, owner);
         pxr::SdfCopySpec(layer, root, specs, root);
+    }
+}
+
+// Keeps the order of the children of each prim in the scope, and of the siblings of a prim that may
+// be deleted.
+void LayerScope::keepOrders(SharedContent& shared) {
+    const auto keep = [&](const SdfPath& parent) -> ChildOrder& {
+        auto& order = shared.orders[parent];
+        if (!order) order = std::make_shared<ChildOrder>(parent);
+        return *orders.emplace_back(order);
+    };
+    for (const SdfPath& path : paths)
+        if (const auto children = primChildren(layer, path); !children.empty())
+            keep(path).include(children);
+    if (!deep || !root.IsPrimPath() || !has(root)) return;
+    ChildOrder& siblings = keep(root.GetParentPath());
+    if (!siblings.names.contains(root.GetNameToken()))
+        siblings.include(primChildren(layer, siblings.parent));
+}
+
+/// Undoes what was done to the lists of children in one layer. Sdf copies a list for each child
+/// that is removed or moved, so this removes and arranges those of a parent at once.
+class ChildrenUndo {
+public:
+    /// `force` ignores later edits by others.
+    ChildrenUndo(SdfLayerHandle layer, bool force) : layer_(std::move(layer)), force_(force) {}
+
+    [[nodiscard]] bool force() const { return force_; }
+    /// Removes the spec with everything below it, at the latest in finish().
+    void remove(const SdfPath& path) { removed_[ownerOf(path)].insert(path); }
+    /// Removes the children of `owner` for which remove() was called.
+    void removeBelow(const SdfPath& owner);
+    /// Returns the spec at or above `path` that will be removed, or an empty path.
+    [[nodiscard]] SdfPath removedAt(SdfPath path) const;
+    void restore(const SdfPath& path, const SdfLayerHandle& specs);
+    /// Restores the order of children in finish(), or only the places of the restored ones if
+    /// others have moved some since.
+    void arrange(const ChildOrder& order) { orders_.emplace(order.parent, &order); }
+    void finish();
+
+private:
+    SdfLayerHandle layer_;
+    bool force_;
+    std::map<SdfPath, std::set<SdfPath>> removed_;   // by owner
+    std::map<SdfPath, std::set<TfToken>> restored_;  // prims, by parent
+    std::map<SdfPath, const ChildOrder*> orders_;
+};
+
+void ChildrenUndo::removeBelow(const SdfPath& owner) {
+    if (const auto removed = removed_.extract(owner)) removeSpecs(layer_, owner, removed.mapped());
+}
+
+SdfPath ChildrenUndo::removedAt(SdfPath path) const {
+    for (; !removed_.empty() && !path.IsEmpty(); path = ownerOf(path))
+        if (const auto removed = removed_.find(ownerOf(path));
+            removed != removed_.end() && removed->second.contains(path))
+            return path;
+    return {};
+}
+
+void ChildrenUndo::restore(const SdfPath& path, const SdfLayerHandle& specs) {
+    pxr::SdfCopySpec(specs, path, layer_, path);
+    if (path.IsPrimPath()) restored_[path.GetParentPath()].insert(path.GetNameToken());
+}
+
+// Returns true if nobody has moved the children that existed all the time.
+bool isAsWritten(const ChildOrder& order, const TfTokenVector& present,
+                 const std::set<TfToken>& restored) {
+    const Names later(order.after.begin(), order.after.end()), now(present.begin(), present.end());
+    const auto common = [&](const TfTokenVector& names) {
+        TfTokenVector all;
+        std::ranges::copy_if(names, std::back_inserter(all), [&](const TfToken& name) {
+            return order.names.contains(name) && later.contains(name) && now.contains(name) &&
+                   !restored.contains(name);
+        });
+        return all;
+    };
+    return common(present) == common(order.after);
+}
+
+void ChildrenUndo::finish() {
+    while (!removed_.empty()) removeBelow(removed_.begin()->first);
+    for (const auto& [parent, order] : orders_) {
+        const TfTokenVector present = primChildren(layer_, parent);
+        if (present == order->before) continue;
+        std::set<TfToken> names = restored_[parent];
+        if (force_ || isAsWritten(*order, present, names))
+            names.insert(order->before.begin(), order->before.end());
+        content::arrange(layer_, parent, order->before, names);
     }
 }
 
@@ -98,12 +213,12 @@ public:
     /// Keeps only the moment of an empty difference, which keepOthers() needs.
     void dropContent();
     [[nodiscard]] const SdfLayerRefPtr& layer() const { return before_.layer; }
-    /// `force` ignores later edits by others.
-    void undo(bool force, std::vector<Kept>& kept) const;
+    void undo(ChildrenUndo& children, std::vector<Kept>& kept) const;
     /// Reverts edits of registers and specs that others have written after written().
     /// `replaced` are the values that the earlier edits replaced.
     using Replaced = std::map<std::tuple<SdfPath, TfToken, Part>, VtValue>;
-    void keepOthers(const Replaced& replaced, std::vector<Kept>& kept) const;
+    void keepOthers(const Replaced& replaced, ChildrenUndo& children,
+                    std::vector<Kept>& kept) const;
     void addReplaced(Replaced& replaced) const;
     [[nodiscard]] Revision written() const { return written_; }
     void setWritten(Revision written) { written_ = written; }
@@ -113,11 +228,9 @@ public:
 private:
     // Return the reason why something was not undone, or an empty text on success.
     std::string takeBack(const Change& change) const;
-    std::string undoCreate(const SdfPath& path) const;
-    std::string restore(const SdfPath& path, bool force) const;
-    void removeCreated(bool force, std::vector<Kept>& kept) const;
-    void arrangeChildren(bool force, const std::vector<SdfPath>& restored) const;
-    bool isOrderAsWritten(const SdfPath& parent) const;
+    std::string undoCreate(const SdfPath& path, ChildrenUndo& children) const;
+    std::string restore(const SdfPath& path, bool force, ChildrenUndo& children) const;
+    void removeCreated(ChildrenUndo& children, std::vector<Kept>& kept) const;
     void write(const Change& change, const VtValue& value) const {
         writeRegister(layer(), change.path, change.field, change.part, value);
     }
@@ -149,7 +262,7 @@ void ScopeDifference::dropContent() {
     for (LayerScope* scope : {&before_, &after_}) {
         scope->paths = {};
         scope->fields = {};
-        scope->order = {};
+        scope->orders = {};
         scope->specs = {};
     }
 }
@@ -159,7 +272,8 @@ void ScopeDifference::addReplaced(Replaced& replaced) const {
         replaced.try_emplace({change.path, change.field, change.part}, change.before);
 }
 
-void ScopeDifference::keepOthers(const Replaced& replaced, std::vector<Kept>& kept) const {
+void ScopeDifference::keepOthers(const Replaced& replaced, ChildrenUndo& children,
+                                 std::vector<Kept>& kept) const {
     const std::string& id = layer()->GetIdentifier();
     // The undo of the earlier edits has restored what they replaced. If something else was there,
     // and commits were missed, others have written it.
@@ -175,8 +289,10 @@ void ScopeDifference::keepOthers(const Replaced& replaced, std::vector<Kept>& ke
         kept.push_back({id, change.path, change.field, change.part, kWrittenSince});
     }
     for (const SdfPath& path : created_) {  // others have deleted it since
-        if (!layer()->HasSpec(path) || !after_.others->changedSpec(path, written_)) continue;
-        removeSpec(layer(), path);
+        if (!layer()->HasSpec(path) || !children.removedAt(path).IsEmpty() ||
+            !after_.others->changedSpec(path, written_))
+            continue;
+        children.remove(path);
         kept.push_back({id, path, {}, {}, kWrittenSince});
     }
     for (auto path = deleted_.rbegin(); path != deleted_.rend(); ++path) {
@@ -184,11 +300,13 @@ void ScopeDifference::keepOthers(const Replaced& replaced, std::vector<Kept>& ke
             return below.HasPrefix(*path) && after_.others->wroteSpec(below, written_);
         };
         if (std::ranges::none_of(before_.paths, isTheirs)) continue;
-        if (restore(*path, true).empty()) kept.push_back({id, *path, {}, {}, kWrittenSince});
+        if (restore(*path, true, children).empty())
+            kept.push_back({id, *path, {}, {}, kWrittenSince});
     }
 }
 
-void ScopeDifference::undo(bool force, std::vector<Kept>& kept) const {
+void ScopeDifference::undo(ChildrenUndo& children, std::vector<Kept>& kept) const {
+    const bool force = children.force();
     const auto keep = [&](const SdfPath& path, std::string reason) {
         kept.push_back({layer()->GetIdentifier(), path, {}, {}, std::move(reason)});
     };
@@ -201,16 +319,12 @@ void ScopeDifference::undo(bool force, std::vector<Kept>& kept) const {
             kept.back().part = change.part;
         }
     }
-    removeCreated(force, kept);
-    std::vector<SdfPath> restored;
+    removeCreated(children, kept);
     // In reverse order, which restores the order of siblings.
-    for (auto path = deleted_.rbegin(); path != deleted_.rend(); ++path) {
-        if (auto reason = restore(*path, force); !reason.empty())
+    for (auto path = deleted_.rbegin(); path != deleted_.rend(); ++path)
+        if (auto reason = restore(*path, force, children); !reason.empty())
             keep(*path, std::move(reason));
-        else
-            restored.push_back(*path);
-    }
-    arrangeChildren(force, restored);
+    for (const auto& order : before_.orders) children.arrange(*order);
 }
 
 std::string ScopeDifference::takeBack(const Change& change) const {
@@ -230,62 +344,39 @@ std::string ScopeDifference::takeBack(const Change& change) const {
 
 // With force removes the specs with everything below. Otherwise removes them from the leaves up and
 // keeps specs that others have written or extended.
-void ScopeDifference::removeCreated(bool force, std::vector<Kept>& kept) const {
-    if (force) {
+void ScopeDifference::removeCreated(ChildrenUndo& children, std::vector<Kept>& kept) const {
+    if (children.force()) {
         for (const SdfPath& path : created_)
-            if (path == after_.root || before_.has(ownerOf(path))) removeSpec(layer(), path);
+            if (path == after_.root || before_.has(ownerOf(path))) children.remove(path);
         return;
     }
     for (auto path = created_.rbegin(); path != created_.rend(); ++path)
-        if (auto reason = undoCreate(*path); !reason.empty())
+        if (auto reason = undoCreate(*path, children); !reason.empty())
             kept.push_back({layer()->GetIdentifier(), *path, {}, {}, std::move(reason)});
 }
 
-std::string ScopeDifference::undoCreate(const SdfPath& path) const {
+std::string ScopeDifference::undoCreate(const SdfPath& path, ChildrenUndo& children) const {
+    children.removeBelow(path);
     if (!layer()->HasSpec(path)) return {};
     if (!changesBetween(path, after_.fields.at(path), readFields(layer(), path)).empty())
         return "another user has changed it since";
     if (after_.others->wroteSpec(path, written_)) return kWrittenSince;
     if (pathsBelow(layer(), path).size() > 1) return "another user's edits are below it";
-    removeSpec(layer(), path);
+    children.remove(path);
     return {};
 }
 
-std::string ScopeDifference::restore(const SdfPath& path, bool force) const {
+std::string ScopeDifference::restore(const SdfPath& path, bool force,
+                                     ChildrenUndo& children) const {
+    if (const SdfPath removed = children.removedAt(path); !removed.IsEmpty())
+        children.removeBelow(ownerOf(removed));
     if (!force && layer()->HasSpec(path)) return "another user has created it again";
     if (!force && after_.others->changedSpec(path, written_))
         return "another user has deleted it since";
     if (!layer()->HasSpec(ownerOf(path))) return "its parent is no longer there";
-    pxr::SdfCopySpec(before_.specs, path, layer(), path);
+    if (!before_.specs) return "its content was not recorded";
+    children.restore(path, before_.specs);
     return {};
-}
-
-void ScopeDifference::arrangeChildren(bool force, const std::vector<SdfPath>& restored) const {
-    for (const auto& [parent, order] : before_.order) {
-        if (primChildren(layer(), parent) == order) continue;
-        std::set<TfToken> names;
-        if (force || isOrderAsWritten(parent)) names.insert(order.begin(), order.end());
-        for (const SdfPath& path : restored)
-            if (path.GetParentPath() == parent) names.insert(path.GetNameToken());
-        arrange(layer(), parent, order, names);
-    }
-}
-
-// Returns true if nobody has moved the children that existed all the time.
-bool ScopeDifference::isOrderAsWritten(const SdfPath& parent) const {
-    const auto after = after_.order.find(parent);
-    if (after == after_.order.end()) return primChildren(layer(), parent).empty();
-    const TfTokenVector& written = after->second;
-    const TfTokenVector& earlier = before_.order.at(parent);
-    const auto common = [&](const TfTokenVector& names) {
-        TfTokenVector both;
-        std::ranges::copy_if(names, std::back_inserter(both), [&](const TfToken& name) {
-            return std::ranges::find(written, name) != written.end() &&
-                   std::ranges::find(earlier, name) != earlier.end();
-        });
-        return both;
-    };
-    return common(primChildren(layer(), parent)) == common(written);
 }
 
 Record::Record() : Record(std::vector<ScopeDifference>()) {}
@@ -315,8 +406,15 @@ bool Record::isFollowed(const SdfLayerHandle& layer) const {
 std::vector<Kept> Record::undo(const IsShared& isShared) const {
     const pxr::SdfChangeBlock block;
     std::vector<Kept> kept;
-    for (auto difference = differences_->rbegin(); difference != differences_->rend(); ++difference)
-        difference->undo(!isShared(difference->layer()), kept);
+    std::map<SdfLayerHandle, ChildrenUndo> layers;
+    for (const ScopeDifference& difference : *differences_ | std::views::reverse) {
+        const SdfLayerHandle layer = difference.layer();
+        auto children = layers.find(layer);
+        if (children == layers.end())
+            children = layers.try_emplace(layer, layer, !isShared(layer)).first;
+        difference.undo(children->second, kept);
+    }
+    for (auto& [layer, children] : layers) children.finish();
     return kept;
 }
 
@@ -329,13 +427,17 @@ std::vector<Kept> Record::keepOthers(const Record& earlier, const IsShared& isSh
     }
     const pxr::SdfChangeBlock block;
     std::vector<Kept> kept;
+    std::map<SdfLayerHandle, ChildrenUndo> layers;
     auto differences = *differences_;
     for (ScopeDifference& difference : differences | std::views::reverse) {
         const auto since = written.find(difference.layer());
         if (since == written.end() || !isShared(difference.layer())) continue;
         difference.setWritten(since->second);
-        difference.keepOthers(replaced.at(difference.layer()), kept);
+        auto& children =
+            layers.try_emplace(difference.layer(), difference.layer(), false).first->second;
+        difference.keepOthers(replaced.at(difference.layer()), children, kept);
     }
+    for (auto& [layer, children] : layers) children.finish();
     *this = Record(std::move(differences));
     return kept;
 }
@@ -356,7 +458,9 @@ void Recorder::touch(const SdfLayerHandle& layer, const SdfPath& path, bool deep
     for (const std::size_t index : within) close(*std::exchange(scopes_[index], nullptr));
     touched[path] = {scopes_.size(), deep};
     scopes_.push_back(std::make_unique<LayerScope>(layer, path, deep));
-    scopes_.back()->keepSpecs();
+    auto& shared = shared_[layer];
+    if (!shared) shared = std::make_shared<SharedContent>();
+    scopes_.back()->keepSpecs(*shared);
 }
 
 bool Recorder::isTouched(const SdfLayerHandle& layer, const SdfPath& path, bool deep) const {
@@ -378,6 +482,7 @@ void Recorder::close(const LayerScope& before) {
 
 void Recorder::forget(const SdfLayerHandle& layer) {
     touched_.erase(layer);
+    shared_.erase(layer);
     for (auto& scope : scopes_)
         if (scope && SdfLayerHandle(scope->layer) == layer) scope.reset();
     std::erase_if(closed_,
@@ -393,8 +498,12 @@ void Recorder::touchWithAncestors(const SdfLayerHandle& layer, const SdfPath& pa
 Record Recorder::finish() {
     for (const auto& scope : scopes_)
         if (scope) close(*scope);
+    for (const auto& [layer, shared] : shared_)
+        for (const auto& [parent, order] : shared->orders)
+            order->after = primChildren(layer, parent);
     scopes_.clear();
     touched_.clear();
+    shared_.clear();
     return Record(std::exchange(closed_, {}));
 }
 

@@ -6,6 +6,7 @@
 #include <pxr/usd/sdf/listOp.h>
 #include <pxr/usd/sdf/namespaceEdit.h>
 #include <pxr/usd/sdf/primSpec.h>
+#include <pxr/usd/sdf/propertySpec.h>
 #include <pxr/usd/sdf/proxyTypes.h>
 #include <pxr/usd/sdf/relationshipSpec.h>
 #include <pxr/usd/sdf/schema.h>
@@ -106,6 +107,20 @@ void removeSpec(const SdfLayerHandle& layer, const SdfPath& path) {
     pxr::SdfBatchNamespaceEdit edits;
     edits.Add(pxr::SdfNamespaceEdit::Remove(path));
     layer->Apply(edits);
+}
+
+void removeSpecs(const SdfLayerHandle& layer, const SdfPath& owner,
+                 const std::set<SdfPath>& paths) {
+    constexpr std::size_t kFew = 64;  // setting the list of those that stay takes as long
+    const auto prim = layer->GetPrimAtPath(owner);
+    if (paths.size() > kFew && prim && layer->PermissionToEdit()) {
+        const auto isRemoved = [&](const auto& spec) { return paths.contains(spec->GetPath()); };
+        auto prims = prim->GetNameChildren().values();
+        if (std::erase_if(prims, isRemoved) > 0) prim->SetNameChildren(prims);
+        auto properties = prim->GetProperties().values();
+        if (std::erase_if(properties, isRemoved) > 0) prim->SetProperties(properties);
+    }
+    for (const SdfPath& path : paths) removeSpec(layer, path);
 }
 
 void moveSpec(const SdfLayerHandle& layer, const SdfPath& from, const SdfPath& to) {

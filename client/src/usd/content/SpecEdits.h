@@ -3,6 +3,9 @@
 
 #include <pxr/base/vt/value.h>
 #include <pxr/usd/sdf/layer.h>
+#include <pxr/usd/sdf/path.h>
+
+#include <set>
 
 namespace usdlive::content {
 
@@ -12,6 +15,10 @@ bool makeSpecLike(const pxr::SdfLayerHandle& layer, const pxr::SdfPath& path,
                   const pxr::SdfLayerHandle& source, const pxr::SdfPath& from);
 /// Removes a spec and everything below it. An absent spec is no error.
 void removeSpec(const pxr::SdfLayerHandle& layer, const pxr::SdfPath& path);
+/// Removes specs of one owner, which is their parent or variant set, with everything below them.
+/// (When Sdf removes prims or properties alone, it copies the names of all siblings for each.)
+void removeSpecs(const pxr::SdfLayerHandle& layer, const pxr::SdfPath& owner,
+                 const std::set<pxr::SdfPath>& paths);
 void moveSpec(const pxr::SdfLayerHandle& layer, const pxr::SdfPath& from, const pxr::SdfPath& to);
 
 /// Sets a list op, or erases it if the value is empty, like Sdf's own editors: specs of targets,

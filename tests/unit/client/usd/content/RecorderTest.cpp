@@ -2,8 +2,10 @@
 #include "usdlive/client/usd/content/Recorder.h"
 
 #include <gtest/gtest.h>
+#include <pxr/base/tf/stringUtils.h>
 #include <pxr/base/vt/dictionary.h>
 #include <pxr/usd/sdf/attributeSpec.h>
+#include <pxr/usd/sdf/changeBlock.h>
 #include <pxr/usd/sdf/layer.h>
 #include <pxr/usd/sdf/listOp.h>
 #include <pxr/usd/sdf/primSpec.h>
@@ -13,6 +15,9 @@
 #include <pxr/usd/sdf/variantSetSpec.h>
 #include <pxr/usd/sdf/variantSpec.h>
 
+#include <algorithm>
+#include <ctime>
+#include <functional>
 #include <limits>
 #include <random>
 
@@ -181,6 +186,152 @@ TEST(Recorder, EditsOfScopesThatContainEarlierOnesAreUndoneExactly) {
     }
 }
 
+// Edits of many siblings, each in a scope of its own that begins when others were edited already.
+TEST(Recorder, EditsOfSiblingsInScopesOfTheirOwnAreUndoneExactly) {
+    const std::vector<SdfPath> parents{SdfPath("/"), SdfPath("/P"), SdfPath("/P/Q"),
+                                       SdfPath("/P{v=one}")};
+    for (unsigned seed = 0; seed < 1'000; ++seed) {
+        SCOPED_TRACE(seed);
+        std::mt19937 random(seed);
+        const auto parent = [&] { return parents[random() % parents.size()]; };
+        const auto nameOf = [&] { return TfToken(std::string(1, char('a' + random() % 8))); };
+        const auto layer = pxr::SdfLayer::CreateAnonymous(".usda");
+        define(layer, SdfPath("/P/Q"));
+        pxr::SdfJustCreatePrimInLayer(layer, SdfPath("/P{v=one}"));
+        for (int i = 0; i < 24; ++i) define(layer, parent().AppendChild(nameOf()));
+        const auto before = textOf(layer);
+
+        Recorder recorder;
+        for (auto count = 1 + random() % 12; count > 0; --count) {
+            const SdfPath owner = parent(), path = owner.AppendChild(nameOf());
+            const SdfPath other = owner.AppendChild(nameOf());
+            const bool isThere = layer->HasSpec(path);
+            switch (random() % 5) {
+                case 0:
+                    recorder.touchWithAncestors(layer, path);
+                    define(layer, path)->SetTypeName("Sphere");
+                    break;
+                case 1:
+                    if (!isThere || layer->HasSpec(other)) break;
+                    for (const SdfPath& touched : {path, other})
+                        recorder.touch(layer, touched, true);
+                    moveSpec(layer, path, other);
+                    break;
+                case 2:
+                    if (random() % 3 != 0) break;
+                    recorder.touch(layer, owner, true);
+                    if (owner.IsPrimPath()) removeSpec(layer, owner);
+                    break;
+                default:
+                    if (!isThere) break;
+                    recorder.touch(layer, path, true);
+                    if (random() % 4 != 0) removeSpec(layer, path);
+            }
+        }
+        const Record record = recorder.finish();
+        EXPECT_TRUE(record.undo(seed % 2 ? Record::IsShared(kShared) : kMine).empty());
+        EXPECT_EQ(textOf(layer), before);
+    }
+}
+
+TEST(Recorder, SiblingsReturnToTheirPlacesAmongThoseThatSomebodyElseHasMoved) {
+    const auto layer = pxr::SdfLayer::CreateAnonymous(".usda");
+    const SdfPath root = SdfPath::AbsoluteRootPath();
+    for (const char* path : {"/A", "/B", "/C", "/D", "/E"}) define(layer, SdfPath(path));
+    Recorder recorder;
+    for (const char* path : {"/B", "/C"}) {
+        recorder.touch(layer, SdfPath(path), true);
+        removeSpec(layer, SdfPath(path));
+    }
+    const Record record = recorder.finish();
+    define(layer, SdfPath("/Theirs"));
+    EXPECT_TRUE(record.undo(kShared).empty());
+    const auto names = [](const std::string& text) {
+        return pxr::TfToTokenVector(pxr::TfStringTokenize(text));
+    };
+    EXPECT_EQ(primChildren(layer, root), names("A B C D E Theirs"));
+    for (const char* path : {"/B", "/C"}) removeSpec(layer, SdfPath(path));
+    arrange(layer, root, names("Theirs E A"), {TfToken("Theirs"), TfToken("E")});
+    EXPECT_TRUE(record.undo(kShared).empty());
+    EXPECT_EQ(primChildren(layer, root), names("Theirs E A B C D"));
+}
+
+TEST(Recorder, AnUndoOfManySiblingsTakesTimeInProportion) {
+    const SdfPath parent("/P");
+    using Paths = std::vector<SdfPath>;
+    using Step = std::function<void(Recorder&, const SdfLayerRefPtr&, const Paths&, const Paths&)>;
+    const auto remove = [&](const SdfLayerRefPtr& layer, const Paths& paths) {
+        removeSpecs(layer, parent, {paths.begin(), paths.end()});
+    };
+    const auto touch = [](Recorder& recorder, const SdfLayerRefPtr& layer, const Paths& paths) {
+        for (const SdfPath& path : paths) recorder.touch(layer, path, true);
+    };
+    const std::map<std::string, Step> kinds{
+        {"removed",
+         [&](auto& recorder, const auto& layer, const auto& old, const auto&) {
+             touch(recorder, layer, old);
+             remove(layer, old);
+         }},
+        {"removed, half of them",
+         [&](auto& recorder, const auto& layer, const auto& old, const auto&) {
+             const Paths half(old.begin(), old.begin() + std::ptrdiff_t(old.size() / 2));
+             touch(recorder, layer, half);
+             remove(layer, half);
+         }},
+        {"removed in one scope, half of them",
+         [&](auto& recorder, const auto& layer, const auto& old, const auto&) {
+             recorder.touch(layer, parent, true);
+             remove(layer, Paths(old.begin(), old.begin() + std::ptrdiff_t(old.size() / 2)));
+         }},
+        {"added",
+         [&](auto& recorder, const auto& layer, const auto&, const auto& added) {
+             touch(recorder, layer, added);
+             for (const SdfPath& path : added) define(layer, path);
+         }},
+        {"added properties",
+         [&](auto& recorder, const auto& layer, const auto&, const auto& added) {
+             for (const SdfPath& path : added) {
+                 const SdfPath property = parent.AppendProperty(path.GetNameToken());
+                 recorder.touchWithAncestors(layer, property);
+                 setDefault(layer, property, 1);
+             }
+         }},
+        {"renamed",
+         [&](auto& recorder, const auto& layer, const auto& old, const auto& added) {
+             touch(recorder, layer, old);
+             touch(recorder, layer, added);
+             for (const SdfPath& path : added) define(layer, path);
+             remove(layer, old);
+         }},
+    };
+    const auto cost = [&](const Step& edit, const Record::IsShared& isShared, int count) {
+        const auto layer = pxr::SdfLayer::CreateAnonymous(".usda");
+        const pxr::SdfChangeBlock block;
+        define(layer, parent);
+        Paths old, added;
+        for (int i = 0; i < count; ++i) {
+            old.push_back(parent.AppendChild(TfToken("old" + std::to_string(i))));
+            added.push_back(parent.AppendChild(TfToken("new" + std::to_string(i))));
+            define(layer, old.back());
+        }
+        const auto before = textOf(layer);
+        const auto start = std::clock();
+        Recorder recorder;
+        edit(recorder, layer, old, added);
+        EXPECT_TRUE(recorder.finish().undo(isShared).empty());
+        const auto took = double(std::clock() - start);
+        EXPECT_EQ(textOf(layer) == before, true);
+        return took;
+    };
+    for (const auto& [kind, edit] : kinds)
+        for (const auto& isShared : {Record::IsShared(kShared), Record::IsShared(kMine)}) {
+            double ratio = 1000;  // the best of some, because the machine may be busy
+            for (int i = 0; i < 5 && ratio > 15; ++i)
+                ratio = std::min(ratio, cost(edit, isShared, 4'000) / cost(edit, isShared, 500));
+            EXPECT_LT(ratio, 15) << kind;  // for 8 times as many
+        }
+}
+
 // Two authors edit, one after the other; the first undoes. Registers that the second wrote keep
 // these values, and the others have their previous values.
 TEST(Recorder, AnUndoNeverWritesARegisterThatSomebodyElseWroteSince) {
@@ -329,6 +480,35 @@ TEST(LayerEdits, ALayerIsMadeLikeAnother) {
         std::ranges::sort(have);
         std::ranges::sort(want);
         EXPECT_EQ(have, want);
+    }
+}
+
+TEST(LayerEdits, ChildrenAreArrangedAsIfTheyWereMovedOneByOne) {
+    for (unsigned seed = 0; seed < 1'000; ++seed) {
+        SCOPED_TRACE(seed);
+        std::mt19937 random(seed);
+        const auto some = [&] {
+            pxr::TfTokenVector names;
+            for (char name = 'a'; name < 'i'; ++name)
+                if (random() % 4 != 0) names.emplace_back(std::string(1, name));
+            std::ranges::shuffle(names, random);
+            return names;
+        };
+        const auto children = some(), order = some(), moving = some();
+        auto expected = children;
+        auto next = 0;  // after all visited ones
+        for (const TfToken& name : order) {
+            auto place = int(std::ranges::find(expected, name) - expected.begin());
+            if (place == int(expected.size())) continue;
+            if (std::ranges::find(moving, name) != moving.end()) {
+                expected.erase(expected.begin() + place);
+                if (place < next) --next;
+                place = next;
+                expected.insert(expected.begin() + place, name);
+            }
+            next = std::max(next, place + 1);
+        }
+        EXPECT_EQ(arranged(children, order, {moving.begin(), moving.end()}), expected);
     }
 }
 

@@ -27,6 +27,7 @@ struct Kept {
 
 class LayerScope;
 class ScopeDifference;
+struct SharedContent;
 
 /// The recorded edits and their undo. A value; keeps its layers alive.
 class Record {
@@ -89,6 +90,7 @@ private:
     std::vector<std::unique_ptr<LayerScope>> scopes_;  // null: closed
     std::vector<ScopeDifference> closed_;
     std::map<pxr::SdfLayerHandle, std::map<pxr::SdfPath, Touched>> touched_;
+    std::map<pxr::SdfLayerHandle, std::shared_ptr<SharedContent>> shared_;  // by all scopes
 };
 
 }  // namespace usdlive::content
