@@ -1,4 +1,5 @@
 // Computes the edits of one field's parts that turn one content into another.
+#include <limits>
 #include <map>
 #include <set>
 
@@ -17,6 +18,7 @@ struct ValueLess {
 // An author sends up to this many parts even if the whole is shorter, because colleagues may change
 // others. Every replica applies them one by one, and a part of a Map costs as much as the whole.
 constexpr std::size_t kMostParts = 1000;
+constexpr std::size_t kAnyNumber = std::numeric_limits<std::size_t>::max();
 
 // Collects the parts in which one field differs, and the size of the whole for comparison.
 class Difference {
@@ -72,10 +74,11 @@ public:
 
     void run(const Value&, const Value&) { whole_ = true; }
 
-    // Sets come first, so that no erase leaves an empty field in between.
-    std::vector<EditAction> take(const FieldValue& from, const FieldValue& to) {
+    // The parts, or the whole if there are more than `most` parts and the whole is not longer. Sets
+    // come first, so that no erase leaves an empty field in between.
+    std::vector<EditAction> take(const FieldValue& from, const FieldValue& to, std::size_t most) {
         const std::size_t parts = sets_.size() + erases_.size();
-        if (!whole_ && (parts <= (authored_ ? kMostParts : 1) || parts < wholeSize_)) {
+        if (!whole_ && (parts <= most || parts < wholeSize_)) {
             std::move(erases_.begin(), erases_.end(), std::back_inserter(sets_));
             if (isExact(from, to)) return std::move(sets_);
         }
@@ -185,10 +188,12 @@ private:
     bool whole_ = false;
 };
 
+enum class Purpose { Shortest, Authored };
+
 std::vector<EditAction> compareContents(std::string_view field, const FieldValue& from,
-                                        const FieldValue& to, bool authored) {
+                                        const FieldValue& to, Purpose purpose, std::size_t most) {
     if (from == to) return {};
-    Difference difference(field, authored);
+    Difference difference(field, purpose == Purpose::Authored);
     const auto compare = [&](const auto& old) {
         using Content = std::decay_t<decltype(old)>;
         const auto* now = to.as<Content>();
@@ -196,7 +201,7 @@ std::vector<EditAction> compareContents(std::string_view field, const FieldValue
         return now != nullptr;
     };
     if (!from.visit(compare)) return {SetField{std::string(field), {}, to, ValueType::None}};
-    return difference.take(from, to);
+    return difference.take(from, to, most);
 }
 
 struct EmptyOf {
@@ -212,6 +217,14 @@ struct EmptyOf {
     FieldValue operator()(const Map& map) const { return Map{map.keyType, {}}; }
 };
 
+// The parts that make a content. The first one changes a field of another form to this form.
+std::vector<EditAction> partsOf(std::string_view field, const FieldValue& content,
+                                std::size_t most) {
+    const FieldValue none = content.visit(EmptyOf{});
+    if (none == content) return {SetField{std::string(field), {}, content, ValueType::None}};
+    return compareContents(field, none, content, Purpose::Authored, most);
+}
+
 }  // namespace
 
 std::vector<EditAction> fieldDifference(std::string_view field, const FieldValue* from,
@@ -219,22 +232,22 @@ std::vector<EditAction> fieldDifference(std::string_view field, const FieldValue
     if (!to && !from) return {};
     if (!to) return {EraseField{std::string(field), {}}};
     if (!from) return {SetField{std::string(field), {}, *to, ValueType::None}};
-    return compareContents(field, *from, *to, false);
+    return compareContents(field, *from, *to, Purpose::Shortest, 1);
 }
 
 std::vector<EditAction> authoredParts(std::string_view field, const FieldValue* from,
                                       const FieldValue* to) {
     if (!to) return fieldDifference(field, from, to);
-    if (from && from->type() == to->type()) return compareContents(field, *from, *to, true);
-    // The first part changes the field to the part's form.
-    const FieldValue none = to->visit(EmptyOf{});
-    if (none == *to) return {SetField{std::string(field), {}, *to, ValueType::None}};
-    return compareContents(field, none, *to, true);
+    if (from && from->type() == to->type())
+        return compareContents(field, *from, *to, Purpose::Authored, kMostParts);
+    return partsOf(field, *to, kMostParts);
 }
 
+// Here nobody sends the parts, so their number is limited only for a Map.
 FieldValue unitedParts(std::string_view field, const FieldValue& present, const FieldValue& added) {
     FieldValue united = present;
-    for (const EditAction& action : authoredParts(field, nullptr, &added))
+    const std::size_t most = added.as<Map>() ? kMostParts : kAnyNumber;
+    for (const EditAction& action : partsOf(field, added, most))
         setPart(united, std::get<SetField>(action));
     return united;
 }

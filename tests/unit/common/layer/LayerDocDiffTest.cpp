@@ -318,6 +318,27 @@ TEST(FieldDifference, M13MergesThePartsOfTwoAuthors) {
     }
 }
 
+TEST(FieldDifference, M13MergesAlsoVeryManyParts) {
+    const auto united = [](const auto& present, const auto& added) {
+        return unitedParts("f", FieldValue(present), FieldValue(added));
+    };
+    TimeSamples samples, otherSamples;
+    Dictionary keys, otherKeys;
+    ListOp items{ValueType::Int, false, {}}, otherItems = items;
+    for (int i = 0; i < 5000; ++i) {
+        samples.samples.emplace(i, intValue(i));
+        keys.entries["k" + std::to_string(i)] = intValue(i);
+        items[ListName::Prepended].push_back(intValue(i));
+    }
+    otherSamples.samples.emplace(-1, intValue(7));
+    otherKeys.entries["other"] = intValue(7);
+    otherItems[ListName::Prepended].push_back(intValue(-1));
+    EXPECT_EQ(united(otherSamples, samples).template as<TimeSamples>()->samples.size(), 5001u);
+    EXPECT_EQ(united(otherKeys, keys).template as<Dictionary>()->entries.size(), 5001u);
+    EXPECT_EQ((*united(otherItems, items).template as<ListOp>())[ListName::Prepended].size(),
+              5001u);
+}
+
 TEST(FieldDifference, IsExactForAnyContents) {
     RandomEdits random{7};
     for (int step = 0; step < 20000; ++step) {
