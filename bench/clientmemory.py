@@ -2,13 +2,14 @@
 
     ./run bench clientmemory [--attributes 100000]
 
-Each row is from a process of its own. MiB of private memory (`Anonymous` of the kernel, without libraries) that were added since the
-process had loaded them and, if it is a client, had connected; the end of each process, when it is idle.
+Each row is from a process of its own. MiB of private memory (`Anonymous` of the kernel, without libraries) that were
+added since the process had loaded them and, if it is a client, had connected; the end of each process, when it is idle.
 
-`writer` authors the attributes in one change block, and waits until they are committed; its `peakMib` is the resident peak of the whole
-process. `follower` opens the layer afterwards. Both keep a `Usd.Stage` of it. Their ceilings, `usdWriter` and `usdFollower`, author and
-open the same layer without a connection. `freeMib` is the part of `mib` that the C library has already freed, but not returned to the
-system."""
+`writer` authors the attributes in one change block, and waits until they are committed; its `peakMib` is the resident
+peak of the whole process. `follower` opens the layer afterwards. Both keep a `Usd.Stage` of it. Their ceilings,
+`usdWriter` and `usdFollower`, author and open the same layer without a connection. `freeMib` is the part of `mib` that
+the C library has already freed, but not returned to the system.
+"""
 
 import argparse
 import ctypes
@@ -120,8 +121,8 @@ def main() -> None:
         for role, row in ours.items():
             usd = run(f"usd{role.capitalize()}", pathlib.Path(folder, LAYER), options.attributes)
             print(json.dumps({"bench": "clientmemory", "attributes": options.attributes, "role": role,
-                              "ratio": round(row["mib"] / usd["mib"], 2), **row, "usdMib": usd["mib"], "usdFreeMib": usd["freeMib"],
-                              "usdPeakMib": usd["peakMib"]}))
+                              "ratio": round(row["mib"] / usd["mib"], 2), **row, "usdMib": usd["mib"],
+                              "usdFreeMib": usd["freeMib"], "usdPeakMib": usd["peakMib"]}))
 
 
 if __name__ == "__main__":

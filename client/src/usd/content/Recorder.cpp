@@ -38,6 +38,9 @@ struct ChildOrder {
     explicit ChildOrder(SdfPath of) : parent(std::move(of)) {}
     /// Gives children that were created since their places among the others.
     void include(const TfTokenVector& present);
+    /// Returns true if nobody has moved the children that existed all the time.
+    [[nodiscard]] bool isAsWritten(const TfTokenVector& present,
+                                   const std::set<TfToken>& restored) const;
 
     SdfPath parent;
     TfTokenVector before, after;
@@ -175,19 +178,18 @@ void ChildrenUndo::restore(const SdfPath& path, const SdfLayerHandle& specs) {
     if (path.IsPrimPath()) restored_[path.GetParentPath()].insert(path.GetNameToken());
 }
 
-// Returns true if nobody has moved the children that existed all the time.
-bool isAsWritten(const ChildOrder& order, const TfTokenVector& present,
-                 const std::set<TfToken>& restored) {
-    const Names later(order.after.begin(), order.after.end()), now(present.begin(), present.end());
-    const auto common = [&](const TfTokenVector& names) {
-        TfTokenVector all;
-        std::ranges::copy_if(names, std::back_inserter(all), [&](const TfToken& name) {
-            return order.names.contains(name) && later.contains(name) && now.contains(name) &&
+bool ChildOrder::isAsWritten(const TfTokenVector& present,
+                             const std::set<TfToken>& restored) const {
+    const Names later(after.begin(), after.end()), now(present.begin(), present.end());
+    const auto common = [&](const TfTokenVector& all) {
+        TfTokenVector some;
+        std::ranges::copy_if(all, std::back_inserter(some), [&](const TfToken& name) {
+            return names.contains(name) && later.contains(name) && now.contains(name) &&
                    !restored.contains(name);
         });
-        return all;
+        return some;
     };
-    return common(present) == common(order.after);
+    return common(present) == common(after);
 }
 
 void ChildrenUndo::finish() {
@@ -196,7 +198,7 @@ void ChildrenUndo::finish() {
         const TfTokenVector present = primChildren(layer_, parent);
         if (present == order->before) continue;
         std::set<TfToken> names = restored_[parent];
-        if (force_ || isAsWritten(*order, present, names))
+        if (force_ || order->isAsWritten(present, names))
             names.insert(order->before.begin(), order->before.end());
         content::arrange(layer_, parent, order->before, names);
     }
