@@ -70,12 +70,17 @@ void copyFolder(const fs::path& from, const fs::path& to) {
     fs::copy(from, to, fs::copy_options::recursive);
 }
 
+// An open store can remove a file at any time.
 std::vector<fs::path> filesOf(const fs::path& folder, const std::string& extension = "") {
     std::vector<fs::path> files;
-    for (const auto& entry : fs::recursive_directory_iterator(folder))
-        if (entry.is_regular_file() && entry.file_size() > 0 &&
-            (extension.empty() || entry.path().extension() == extension))
-            files.push_back(entry.path());
+    std::error_code removed;
+    for (const auto& entry : fs::recursive_directory_iterator(folder)) {
+        if (!extension.empty() && entry.path().extension() != extension) continue;
+        const bool isFile = entry.is_regular_file(removed);
+        const auto size = isFile ? entry.file_size(removed) : 0;
+        if (!removed && size > 0) files.push_back(entry.path());
+        removed.clear();
+    }
     std::sort(files.begin(), files.end());
     return files;
 }
