@@ -46,8 +46,11 @@ class Scene:
             early = Sdf.Layer.FindOrOpen(self.name)
             Sdf.CreatePrimInLayer(early, "/Early")
         if late:
-            self.stage.GetRootLayer().subLayerPaths.append("./sub.usda")
+            # The server reads the file as soon as the sublayer is named.
+            loaded = Sdf.Layer.FindOrOpen(str(self.sub)) if place == "folder" else None
             self.sub.write_text(CUT)
+            self.stage.GetRootLayer().subLayerPaths.append("./sub.usda")
+            del loaded
         self.layer = Sdf.Layer.Find(self.name)
         wait_frames(lambda: not self.context.is_live_layer(self.layer) and not self.layer.permissionToEdit)
 
