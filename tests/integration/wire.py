@@ -159,7 +159,7 @@ def hello(client, user="wire", resume=None, secret=None, features=()):
     more = {"resume": resume} if resume else {}
     if secret:
         more["secret"] = secret.hex()  # ID5
-    return control("hello", protocol=1, oldestProtocol=1, features=["history", "log", "previews", *features],
+    return control("hello", protocol=2, oldestProtocol=2, features=["history", "log", "previews", *features],
                    client=client, user=user, application="tests", **more)
 
 

@@ -108,9 +108,10 @@ inline void digest(Digest& out, const ListItem& part) {
 }
 inline void digest(Digest& out, const MapKey& part) { out(part.key); }
 inline void digest(Digest& out, const CreateSpec& part) { out(part.kind); }
+inline void digest(Digest& out, const DeleteSpec& part) { out(part.place); }
 inline void digest(Digest& out, const MoveSpec& part) {
-    const auto& [parent, name] = part;
-    out(parent, name);
+    const auto& [parent, name, place] = part;
+    out(parent, name, place);
 }
 inline void digest(Digest& out, const PlaceSpec& part) { out(part.before); }
 inline void digest(Digest& out, const SetField& part) {
@@ -122,16 +123,16 @@ inline void digest(Digest& out, const EraseField& part) {
     out(field, place);
 }
 inline void digest(Digest& out, const Edit& part) {
-    const auto& [layer, address, action] = part;
-    out(layer, address, action);
+    const auto& [layer, address, action, names] = part;
+    out(layer, address, action, names);
 }
 inline void digest(Digest& out, const TransactionId& part) {
     const auto& [client, sequence] = part;
     out(client, sequence);
 }
 inline void digest(Digest& out, const Transaction& part) {
-    const auto& [id, base, gesture, edits] = part;
-    out(id, base, gesture, edits);
+    const auto& [id, base, gesture, edits, seen] = part;
+    out(id, base, gesture, edits, seen);
 }
 inline void digest(Digest& out, const LayerDoc& part) {
     out(part.nextId());
@@ -140,15 +141,24 @@ inline void digest(Digest& out, const LayerDoc& part) {
     });
 }
 inline void digest(Digest& out, const NamespaceLog::Entry& part) {
-    const auto& [revision, layer, from, to] = part;
-    out(revision, layer, from, to);
+    const auto& [revision, layer, from, to, what, author] = part;
+    out(revision, layer, from, to, what, author);
+}
+inline void digest(Digest& out, const NamespaceLog::Naming& part) {
+    const auto& [revision, layer, path, field, mark, author] = part;
+    out(revision, layer, path, field, mark, author);
 }
 inline void digest(Digest& out, const NamespaceLog& part) {
     out(part.entries_, part.first_, part.oldest_);  // byPath_ follows from entries_
+    out(part.namings_, part.namingsSince_);
+}
+inline void digest(Digest& out, const PlaceBefore& part) {
+    const auto& [path, mark] = part;
+    out(path, mark);
 }
 inline void digest(Digest& out, const OwnCreations::Entry& part) {
-    const auto& [layer, path, mark] = part;
-    out(layer, path, mark);
+    const auto& [layer, path, mark, place] = part;
+    out(layer, path, mark, place);
 }
 inline void digest(Digest& out, const OwnCreations::Kept& part) {
     const auto& [entry, revision] = part;

@@ -26,16 +26,24 @@ static void digest(Digest& out, const Prognosis& part) {
 }
 static void digest(Digest& out, const Pending& part) {
     const auto& [transaction, authored, prognosis, blobs, sent, everSent, changedSince, sentBytes,
-                 attempts, carried] = part;
+                 attempts, carried, places, placesOf] = part;
     out(transaction, authored, prognosis, blobs, sent, everSent, changedSince,
-        sent ? sentBytes : std::size_t(0), attempts, carried);
+        sent ? sentBytes : std::size_t(0), attempts, carried, places, placesOf);
+}
+static void digest(Digest& out, const Prediction::Moves::Move& part) {
+    const auto& [from, to, edit] = part;
+    out(from, to, edit);
+}
+static void digest(Digest& out, const Prediction::Moves::Created& part) {
+    const auto& [path, time, edit] = part;
+    out(path, time, edit);
 }
 static void digest(Digest& out, const Prediction::Moves& part) {
-    out(part.moves_);  // byTarget_ follows from it
+    out(part.moves_, part.created_);  // the indices follow from them
 }
 static void digest(Digest& out, const Prediction::LayerNotes& part) {
-    const auto& [created, fields, structural, moves] = part;
-    out(created, fields, structural, moves);
+    const auto& [created, fields, structural, moves, editsPlaces] = part;
+    out(created, fields, structural, moves, editsPlaces);
 }
 static void digest(Digest& out, const Prediction& part) {
     out(part.docs_, part.openedAt_, part.names_, part.creations_, part.notes_);
@@ -262,6 +270,7 @@ void ModelClient::on(const event::Lost& event) {
         regained_ = event.work.edits;
         return;
     }
+    if (event.work.reason.code == ErrorCode::DeletedUnseen) return;  // it was committed (M17)
     for (const AuthoredEdit& edit : event.work.edits) {
         const auto label = labelOf(edit.action);
         if (!label) continue;

@@ -31,9 +31,6 @@ static void digest(Digest& out, const OrderedCommit& part) {
                  frameBytes, layers, layerData, blobs, imported, mark] = part;
     out(revision, hash, id, gesture, layers, imported, mark);  // the others follow
 }
-static void digest(Digest& out, const NamespaceHistory& part) {
-    out(part.log_, part.revisions_, part.end_);
-}
 static void digest(Digest& out, const HistoryLine& part) {
     out(part.docs_, part.namespaces_, part.epoch_, part.executed_, part.executedHash_,
         part.inFlight_, part.durable_, part.durableHash_);

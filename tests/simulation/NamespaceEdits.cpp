@@ -22,6 +22,8 @@ std::string numbered(const char* what, std::uint64_t number) {
     return what + std::to_string(number);
 }
 
+Value specifierOver() { return {ValueType::Specifier, Bytes{1}}; }
+
 EditAction keyEdit(const char* field, const std::string& key) {
     return SetField{field, DictionaryKey{{key}}, stringValue("x"), {}};
 }
@@ -98,11 +100,9 @@ bool NamespaceEdits::createParents(Batch& batch, const LayerId& layer, const std
     for (std::string path = parent; !batch.docs.at(layer).has(path); path = specpath::parent(path))
         missing.push_back(path);
     return std::ranges::all_of(std::views::reverse(missing), [&](const std::string& path) {
-        constexpr std::uint8_t kOver = 1;
         return specpath::last(path).list == ChildList::Prims &&
                apply(batch, layer, path, CreateSpec{SpecKind::Prim}) &&
-               apply(batch, layer, path,
-                     SetField{"specifier", {}, Value{ValueType::Specifier, Bytes{kOver}}, {}}) &&
+               apply(batch, layer, path, SetField{"specifier", {}, specifierOver(), {}}) &&
                apply(batch, layer, path, identity(++lastValue_));
     });
 }
@@ -140,6 +140,8 @@ bool NamespaceEdits::move(Batch& batch, const std::string& from, const std::stri
     if (from.empty() || from == to || specpath::hasPrefix(to, from)) return false;
     if (specpath::parse(to)->size() > kDeepest) return false;
     const std::string parent = specpath::parent(to);
+    for (const auto& [layer, doc] : batch.docs)
+        if (doc.has(to)) return false;  // an object is at the new place
     for (const LayerId& layer : std::views::keys(batch.docs)) {
         if (!correctTargets(batch, layer, from, to)) return false;
         if (!batch.docs.at(layer).has(from)) continue;
@@ -149,11 +151,17 @@ bool NamespaceEdits::move(Batch& batch, const std::string& from, const std::stri
                    MoveSpec{{parent, {}}, std::string(specpath::last(to).name)}))
             return false;
     }
-    return true;
+    // M15: as usdlive.NamespaceEditor does, in every layer.
+    if (!namesPlaces_) return true;
+    return std::ranges::all_of(std::views::keys(batch.docs), [&](const LayerId& layer) {
+        return apply(batch, layer, from,
+                     MoveSpec{{parent, {}}, std::string(specpath::last(to).name), true});
+    });
 }
 
 std::vector<AuthoredEdit> NamespaceEdits::move(Docs& docs) {
     Batch batch{docs, {}, {}};
+    namesPlaces_ = random_.chance(70);
     std::vector<LayerId> names;
     for (const LayerId& layer : std::views::keys(docs)) names.push_back(layer);
     const auto somePrim = [&] { return primOf(batch.docs.at(random_.pick(names))); };
@@ -185,6 +193,9 @@ std::vector<AuthoredEdit> NamespaceEdits::write(Docs& docs, const client::Sessio
         const auto keys = keysIn(doc.field(path, kPrimKeys));
         const auto isIdentity = [](const auto& one) { return one.starts_with("is"); };
         const auto prim = std::ranges::find_if(keys, isIdentity);
+        // The server creates the parents that a place moves to (M15), and others write to them.
+        const auto* specifier = doc.field(path, "specifier");
+        if (prim == keys.end() && specifier && *specifier == FieldValue(specifierOver())) continue;
         require(prim != keys.end(), "a prim has lost the key that it was created with: " + path);
         // Two editors created this prim. If one of the two is moved in time, there will be two.
         if (std::ranges::count_if(keys, isIdentity) > 1) continue;

@@ -79,6 +79,7 @@ private:
 
     SimRandom& random_;
     std::uint64_t& lastValue_;
+    bool namesPlaces_ = true;              // this move
     std::map<std::string, Write> writes_;  // by key
     std::map<std::string, Move> moves_;    // by key
     std::set<std::string> madePrims_;      // keys of own prims that are committed

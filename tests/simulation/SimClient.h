@@ -77,6 +77,7 @@ public:
     /// Transactions that were returned because the server does not know whether it has committed
     /// them (M14).
     std::set<std::uint64_t> uncertain;
+    std::map<std::uint64_t, std::size_t> editsOf;  ///< how many edits a transaction has
 
     struct Peeked {
         LayerId layer;
@@ -165,6 +166,7 @@ private:
     Revision toldRevision_ = 0;
     std::vector<client::AuthoredEdit> regained_;
     bool leaving_ = false, hasAll_ = false, left_ = false, deciding_ = false;
+    bool hasMoved_ = false;  // a commit followed the lost work of the history before
     std::optional<client::MessageReader> reader_;  // belongs to the current connection
     client::Session session_;
 };

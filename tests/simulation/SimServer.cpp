@@ -240,7 +240,8 @@ LayerDoc SimServer::replay(const LayerId& layer, Revision revision) const {
     for (const CommitRecord& stored : disk.commits()) {
         if (stored.revision > revision) break;
         const auto commit = decodeCommit({stored.revision, stored.frame, stored.hash});
-        require(commit.has_value(), "a stored commit does not decode");
+        require(commit.has_value(), "a stored commit does not decode: " +
+                                        (commit ? std::string() : commit.error().message));
         const auto applied = applyCommit(docs, log, *commit);
         require(applied.has_value(), "a stored commit does not apply");
     }

@@ -302,6 +302,15 @@ private:
         report_.forgotten = server_.forgotten;
     }
 
+    // Returns how many edits the server has added (M15, M16).
+    [[nodiscard]] std::size_t addedTo(const Commit& commit) const {
+        for (const auto& client : clients_)
+            if (const auto edits = client->editsOf.find(commit.id.sequence);
+                client->session().id() == commit.id.client && edits != client->editsOf.end())
+                return commit.edits.size() + commit.dropped.size() - edits->second;
+        return 0;
+    }
+
     // Checks M9 and M12.
     void checkLog() {
         std::map<ClientId, std::uint64_t> executed;
@@ -336,7 +345,9 @@ private:
                         " are out of order: " + std::to_string(commit.id.sequence) +
                         " in revision " + std::to_string(commit.revision));
             if (commit.gesture == 0 && !uncertain.contains(commit.id))
-                executed[commit.id.client] += commit.edits.size();
+                executed[commit.id.client] += std::size_t(std::count_if(
+                    commit.edits.begin(), commit.edits.end() - std::ptrdiff_t(addedTo(commit)),
+                    [](const Edit& edit) { return !concernsPlace(edit.action); }));
         }
         for (const auto& client : clients_) {
             report_.lost += client->lostEdits;

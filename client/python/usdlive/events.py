@@ -160,7 +160,8 @@ class Committed:
 
 @dataclasses.dataclass(frozen=True)
 class Lost:
-    """One's own work that is not in the project, with the reason (M12). `refused`: a whole transaction.
+    """One's own work that is not in the project, with the reason (M12). With the code `deletedUnseen` it was there, and
+    somebody who had not seen it deleted what it was written to (M17). `refused`: a whole transaction.
     `index`: the constant number for `Live.lost_work_as_layer()`. `count`: the number of refusals that this
     event stands for. A tool that writes to a locked layer every frame causes one event per second, for the
     newest refusal. All refused work is kept."""

@@ -14,6 +14,7 @@ void forEachAddress(std::vector<Edit>& edits, const std::function<void(Address&)
     for (Edit& edit : edits) {
         visit(edit.address);
         if (auto* move = std::get_if<MoveSpec>(&edit.action)) visit(move->parent);
+        for (Address& name : edit.names) visit(name);
     }
 }
 

@@ -1,8 +1,10 @@
 // An own transaction that the server has not answered.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <functional>
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -42,7 +44,17 @@ struct Pending {
     /// While the client joins another history (HistoryDiverged): its edits with their paths in the
     /// old one; nothing for dropped edits.
     std::vector<std::optional<AuthoredEdit>> carried;
+    /// By index of the edit: places at the base of specs that it creates, and of edits of places,
+    /// below specs of pending work. Noted for `placesOf` edits, when others move objects (M15).
+    std::map<std::uint32_t, std::string> places = {};
+    std::size_t placesOf = 0;
 };
+
+/// Returns the revision since which moves (M3), and what others have named (M16), are needed to
+/// execute a transaction.
+[[nodiscard]] inline Revision neededSince(const Transaction& transaction) {
+    return transaction.seen == 0 ? transaction.base : std::min(transaction.base, transaction.seen);
+}
 
 /// Returns whether both set the same register, so that only the later one has an effect. False for
 /// fields in which the order of items matters.

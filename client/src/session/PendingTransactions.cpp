@@ -68,15 +68,15 @@ Pending& PendingTransactions::add(Pending pending) {
 
 void PendingTransactions::count(const Pending& pending) {
     numbers_.insert(pending.transaction.id.sequence);
-    ++bases_[pending.transaction.base];
+    ++since_[neededSince(pending.transaction)];
     for (const AuthoredEdit& edit : pending.authored) ++edits_[edit.layer];
     if (pending.sent) ++sent_;
 }
 
 void PendingTransactions::discount(const Pending& pending) {
     numbers_.erase(pending.transaction.id.sequence);
-    const auto base = bases_.find(pending.transaction.base);
-    if (--base->second == 0) bases_.erase(base);
+    const auto since = since_.find(neededSince(pending.transaction));
+    if (--since->second == 0) since_.erase(since);
     for (const AuthoredEdit& edit : pending.authored) {
         const auto layer = edits_.find(edit.layer);
         if (--layer->second == 0) edits_.erase(layer);
@@ -128,20 +128,20 @@ std::optional<Pending> PendingTransactions::take(std::uint64_t sequence) {
 std::deque<Pending> PendingTransactions::takeAll() {
     sent_ = 0;
     numbers_.clear();
-    bases_.clear();
+    since_.clear();
     edits_.clear();
     return std::exchange(pending_, {});
 }
 
-Revision PendingTransactions::oldestBase(Revision otherwise) const {
-    return bases_.empty() ? otherwise : std::min(otherwise, bases_.begin()->first);
+Revision PendingTransactions::oldestNeeded(Revision otherwise) const {
+    return since_.empty() ? otherwise : std::min(otherwise, since_.begin()->first);
 }
 
 void PendingTransactions::rebase(Pending& pending, Revision base) {
-    const auto before = bases_.find(pending.transaction.base);
-    if (--before->second == 0) bases_.erase(before);
-    ++bases_[base];
+    const auto before = since_.find(neededSince(pending.transaction));
+    if (--before->second == 0) since_.erase(before);
     pending.transaction.base = base;
+    ++since_[neededSince(pending.transaction)];
 }
 
 void PendingTransactions::markSent(Pending& pending, std::size_t bytes) {

@@ -57,8 +57,8 @@ public:
     [[nodiscard]] std::size_t sent() const { return sent_; }
     [[nodiscard]] std::size_t unsent() const { return pending_.size() - sent_; }
     [[nodiscard]] bool touches(const LayerId& layer) const { return edits_.contains(layer); }
-    /// The oldest base of these transactions, or `otherwise`.
-    [[nodiscard]] Revision oldestBase(Revision otherwise) const;
+    /// The oldest neededSince() of these transactions, or `otherwise`.
+    [[nodiscard]] Revision oldestNeeded(Revision otherwise) const;
 
     /// Changes the base of a transaction.
     void rebase(Pending& pending, Revision base);
@@ -87,7 +87,7 @@ private:
     bool named_ = false;  // setNextSequence() has set the number of the next one
     std::size_t sent_ = 0;
     std::unordered_set<std::uint64_t> numbers_;
-    std::map<Revision, std::size_t> bases_;           // number of transactions by base
+    std::map<Revision, std::size_t> since_;           // number of transactions by neededSince()
     std::unordered_map<LayerId, std::size_t> edits_;  // number of edits by layer
 };
 

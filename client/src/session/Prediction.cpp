@@ -5,6 +5,9 @@
 #include <iterator>
 #include <set>
 
+#include "usdlive/common/layer/AddressResolver.h"
+#include "usdlive/common/layer/PathsInValues.h"
+
 namespace usdlive::client {
 
 namespace {
@@ -36,10 +39,6 @@ bool writesWhole(const EditAction& action) {
 
 }  // namespace
 
-std::string destination(std::string_view path, const MoveSpec& move) {
-    return specpath::child(move.parent.path, specpath::last(path).list, move.name);
-}
-
 const std::string* fieldOf(const EditAction& action) {
     if (const auto* set = std::get_if<SetField>(&action)) return &set->field;
     if (const auto* erase = std::get_if<EraseField>(&action)) return &erase->field;
@@ -50,23 +49,115 @@ void collectBlobs(const EditAction& action, std::vector<Value>& blobs) {
     forEachBlob(action, [&](const Value& blob) { blobs.push_back(blob); });
 }
 
-void Prediction::Moves::add(std::string from, std::string to) {
-    byTarget_.emplace(to, moves_.size());
-    moves_.emplace_back(std::move(from), std::move(to));
+void Prediction::Moves::add(std::string from, std::optional<std::string> to) {
+    specs_.from.emplace(from, moves_.size());
+    if (to) specs_.to.emplace(*to, moves_.size());
+    if (to) carried_.emplace(*to, moves_.size());
+    moves_.push_back({std::move(from), std::move(to), {}});
+}
+
+void Prediction::Moves::create(const std::string& path, const Creation& edit) {
+    created_.push_back({path, moves_.size(), edit});
+}
+
+// If the spec at the place has moved or gone just before, the two are one.
+void Prediction::Moves::vacate(std::string from, std::optional<std::string> to,
+                               const std::optional<Creation>& edit, bool movesSpec) {
+    std::size_t number = moves_.size();
+    const auto last = lastAt(specs_.from, from);
+    const auto isSince = [&](const std::string& path) {
+        return std::max({lastAt(specs_.from, path), lastAt(specs_.to, path),
+                         lastAt(places_.from, path), lastAt(places_.to, path)}) > last;
+    };
+    if (last && moves_[*last].to == to && !isSince(from) && !(to && isSince(*to))) {
+        number = *last;
+        specs_.from.erase({from, number});
+        if (to) specs_.to.erase({*to, number});
+        moves_[number].edit = edit;
+    } else {
+        if (to && movesSpec) carried_.emplace(*to, number);
+        moves_.push_back({from, to, edit});
+    }
+    if (to) places_.to.emplace(*std::move(to), number);
+    places_.from.emplace(std::move(from), number);
 }
 
 std::string Prediction::Moves::undone(std::string path) const {
-    for (auto last = lastTo(path, moves_.size()); last; last = lastTo(path, *last))
-        path = specpath::replacePrefix(path, moves_[*last].second, moves_[*last].first);
-    return path;
+    for (std::size_t end = moves_.size();;) {
+        const auto last = lastOf(carried_, path, end);
+        if (!last) return path;
+        path = specpath::replacePrefix(path, *moves_[*last].to, moves_[*last].from);
+        end = *last;
+    }
 }
 
-// Returns the number of the last move before `end` that moved the spec at `path` or an ancestor.
-std::optional<std::size_t> Prediction::Moves::lastTo(std::string path, std::size_t end) const {
+std::optional<Address> Prediction::Moves::place(std::string path) const {
+    return before(std::move(path), true);
+}
+
+std::optional<Address> Prediction::Moves::object(std::string path) const {
+    return before(std::move(path), false);
+}
+
+bool Prediction::Moves::movesOnlySpec(const std::string& path) const {
+    const auto concerns = [&](const ByPath& paths) {
+        const auto found = paths.lower_bound({path, 0});
+        return found != paths.end() && found->first == path;
+    };
+    return concerns(specs_.from) || concerns(specs_.to);
+}
+
+// The spec that moved to a place is not what is created there afterwards, and another spec may have
+// left it.
+std::optional<Address> Prediction::Moves::before(std::string path, bool isPlace) const {
+    for (std::size_t end = moves_.size();;) {
+        const std::string spec = isPlace ? specpath::parent(path) : path;
+        const auto moved = std::max(lastOf(places_.to, path, end), lastOf(specs_.to, spec, end));
+        const auto left = std::max(lastOf(places_.from, path, end), lastOf(specs_.from, spec, end));
+        const auto last = std::max(moved, left);
+        const Created* created = lastCreated(spec, end);
+        if (created && (!last || created->time > *last))
+            return Address{relativePath(path, created->path), created->edit};
+        if (!last) return Address{std::move(path), {}};
+        const Move& move = moves_[*last];
+        if (last != moved) {
+            if (!move.edit) return std::nullopt;
+            return Address{relativePath(path, move.from), move.edit};
+        }
+        path = specpath::replacePrefix(path, *move.to, move.from);
+        end = *last;
+    }
+}
+
+// Returns the last spec at `path` or above that was created before move `end`.
+const Prediction::Moves::Created* Prediction::Moves::lastCreated(std::string path,
+                                                                 std::size_t end) const {
+    for (; indexed_ < created_.size(); ++indexed_)
+        createdByPath_[{created_[indexed_].path, created_[indexed_].time}] = indexed_;
+    const Created* last = nullptr;
+    for (; path.size() > 1; path = specpath::parent(path)) {
+        const auto next = createdByPath_.upper_bound({path, end});
+        if (next == createdByPath_.begin() || std::prev(next)->first.first != path) continue;
+        const Created& created = created_[std::prev(next)->second];
+        if (!last || created.time > last->time) last = &created;
+    }
+    return last;
+}
+
+// Returns the number of the last move of which `paths` has `path`.
+std::optional<std::size_t> Prediction::Moves::lastAt(const ByPath& paths, const std::string& path) {
+    const auto next = paths.upper_bound({path, ~std::size_t(0)});
+    if (next == paths.begin() || std::prev(next)->first != path) return std::nullopt;
+    return std::prev(next)->second;
+}
+
+// Returns the number of the last move before `end` of which `paths` has `path` or an ancestor.
+std::optional<std::size_t> Prediction::Moves::lastOf(const ByPath& paths, std::string path,
+                                                     std::size_t end) {
     std::optional<std::size_t> last;
     for (; path.size() > 1; path = specpath::parent(path)) {
-        const auto next = byTarget_.lower_bound({path, end});
-        if (next != byTarget_.begin() && std::prev(next)->first == path)
+        const auto next = paths.lower_bound({path, end});
+        if (next != paths.begin() && std::prev(next)->first == path)
             last = std::max(last, std::optional(std::prev(next)->second));
     }
     return last;
@@ -157,18 +248,43 @@ Prediction::Landed Prediction::execute(const Transaction& transaction, bool own,
     std::uint32_t index = 0;
     for (ExecutedEdit& done : executed.edits) {
         for (; dropped != executed.dropped.end() && dropped->index == index; ++dropped) ++index;
+        const std::size_t number = std::size_t(&done - executed.edits.data());
         std::optional<Creation> creation;
-        if (own) creation = Creation{transaction.id.sequence, index};
+        if (own && index < transaction.edits.size())
+            creation = Creation{transaction.id.sequence, index};
+        else if (own && concernsPlace(done.edit.action))
+            creation = numberOfPlace(executed, number, transaction.id.sequence);
         if (!absent.contains(done.edit.layer))
             note(done.edit, done.applied, creation, landed.prognosis);
         // ED9: the executor appends edits to those of the transaction.
-        if (wantEdits && index < landed.edits.size())
+        if (wantEdits && index < landed.edits.size()) {
+            if (const auto unmerged = executed.unmerged.find(number);
+                unmerged != executed.unmerged.end())
+                std::get<SetField>(done.edit.action).value = std::move(unmerged->second);
             landed.edits[index] =
                 AuthoredEdit{std::move(done.edit.layer), std::move(done.edit.address.path),
                              std::move(done.edit.action)};
+        }
         ++index;
     }
     return landed;
+}
+
+// Returns the number of an edit of a place that had no effect until the executor moved the object
+// under a new parent, after all edits.
+std::optional<Creation> Prediction::numberOfPlace(const Executed& executed, std::size_t again,
+                                                  std::uint64_t sequence) {
+    const Edit& moved = executed.edits[again].edit;
+    std::uint32_t index = 0;
+    auto dropped = executed.dropped.begin();
+    for (std::size_t number = 0; number < again; ++number, ++index) {
+        for (; dropped != executed.dropped.end() && dropped->index == index; ++dropped) ++index;
+        const Edit& edit = executed.edits[number].edit;
+        if (concernsPlace(edit.action) && !changesNamespace(edit) && edit.layer == moved.layer &&
+            edit.address.path == moved.address.path)
+            return Creation{sequence, index};
+    }
+    return std::nullopt;
 }
 
 // Notes what later addresses, effect() and the order of sending need to know about an edit.
@@ -183,16 +299,28 @@ void Prediction::note(const Edit& executed, const LayerDoc::Applied& applied,
         return;
     }
     notes.structural.push_back(path);
+    notes.editsPlaces = notes.editsPlaces || concernsPlace(executed.action);
     if (std::holds_alternative<CreateSpec>(executed.action)) {
         // Also if the spec was there already (M2): others may delete it before the server executes
         // the transaction. The later edits are then for the spec that it creates.
-        if (creation) notes.created.insert_or_assign(applied.node, *creation);
+        if (!creation) return;
+        notes.created.insert_or_assign(applied.node, *creation);
+        notes.moves.create(path, *creation);
     } else if (const auto* move = std::get_if<MoveSpec>(&executed.action);
-               move && applied.changed) {
+               move && changesNamespace(executed)) {
         std::string to = destination(path, *move);
         prognosis.touched.push_back({executed.layer, to});
         notes.structural.push_back(to);
-        notes.moves.add(path, std::move(to));
+        if (move->place)
+            notes.moves.vacate(path, std::move(to), creation, applied.changed);
+        else
+            notes.moves.add(path, std::move(to));
+    } else if (move && applied.node != 0) {
+        return;  // it stays: something is in its way
+    } else if (concernsPlace(executed.action)) {
+        notes.moves.vacate(path, std::nullopt, creation, false);
+    } else if (std::holds_alternative<DeleteSpec>(executed.action)) {
+        notes.moves.add(path, std::nullopt);
     }
 }
 
@@ -207,28 +335,29 @@ Result<Edit> Prediction::author(const AuthoredEdit& edit, const Creation& creati
     const auto applied = doc->apply(edit.path, edit.action, LayerDoc::By::Author);
     if (!applied) return tl::unexpected(applied.error());
 
-    const Edit executed{edit.layer, {edit.path, {}}, edit.action};
+    Edit executed{edit.layer, {edit.path, {}}, edit.action};
+    if (concernsPlace(edit.action) && applied->node != 0 && !applied->changed)
+        executed.action = stayingAt(edit.path);
     note(executed, *applied, creation, prognosis);
-    if (std::holds_alternative<CreateSpec>(edit.action))
+    recordMove(names_, confirmed_->revision + 1, confirmed_->self, executed);
+    if (std::holds_alternative<CreateSpec>(edit.action) || concernsPlace(edit.action))
         creations_.record(creation, {edit.layer, edit.path, names_.mark()},
                           confirmed_->revision + 1);
-    else if (std::holds_alternative<DeleteSpec>(edit.action))
-        names_.recordDelete(confirmed_->revision + 1, edit.layer, edit.path);
-    else if (const auto* move = std::get_if<MoveSpec>(&edit.action); move && applied->changed)
-        names_.recordMove(confirmed_->revision + 1, edit.layer, edit.path,
-                          destination(edit.path, *move));
     prognosis.names = names_.mark();
     return result;
 }
 
 Result<Edit> Prediction::addressed(const AuthoredEdit& edit, const LayerDoc& doc) const {
     const bool creates = std::holds_alternative<CreateSpec>(edit.action);
-    auto target =
-        creates ? childAddress(edit.layer, doc, edit.path) : address(edit.layer, doc, edit.path);
+    const bool ofPlace = concernsPlace(edit.action);
+    auto target = ofPlace   ? placeAddress(edit.layer, doc, edit.path)
+                  : creates ? newAddress(edit.layer, doc, edit.path)
+                            : address(edit.layer, doc, edit.path);
     if (!target) return tl::unexpected(target.error());
-    Edit result{edit.layer, std::move(*target), edit.action};
+    Edit result{edit.layer, std::move(*target), edit.action, namesOf(edit)};
     if (auto* move = std::get_if<MoveSpec>(&result.action)) {
-        auto parent = address(edit.layer, doc, move->parent.path);
+        auto parent = ofPlace ? parentOfPlace(edit.layer, doc, move->parent.path)
+                              : address(edit.layer, doc, move->parent.path);
         if (!parent) return tl::unexpected(parent.error());
         move->parent = std::move(*parent);
     }
@@ -259,18 +388,70 @@ Result<Address> Prediction::address(const LayerId& layer, const LayerDoc& doc,
         {}};
 }
 
-// The address of a spec that an edit is to create: its parent's address and its name.
-Result<Address> Prediction::childAddress(const LayerId& layer, const LayerDoc& doc,
+// The address of an object that moves, or of its new parent (M15).
+Result<Address> Prediction::placeAddress(const LayerId& layer, const LayerDoc& doc,
+                                         std::string_view path) const {
+    if (const auto valid = specpath::parse(path); !valid) return tl::unexpected(valid.error());
+    const auto notes = notes_.find(layer);
+    if (notes == notes_.end() || notes->second.moves.empty()) return addressBelow(layer, doc, path);
+    auto place = notes->second.moves.place(std::string(path));
+    if (!place) return fail(ErrorCode::SpecNotFound, "nothing names " + std::string(path));
+    return *std::move(place);
+}
+
+// The address of a spec that is to be created.
+Result<Address> Prediction::newAddress(const LayerId& layer, const LayerDoc& doc,
+                                       std::string_view path) const {
+    auto place = placeAddress(layer, doc, path);
+    return place ? place : addressBelow(layer, doc, path);
+}
+
+// An address below the next spec above.
+Result<Address> Prediction::addressBelow(const LayerId& layer, const LayerDoc& doc,
                                          std::string_view path) const {
     const auto elements = specpath::parse(path);
     if (!elements) return tl::unexpected(elements.error());
     if (elements->empty()) return Address{"/", {}};
-    auto parent = address(layer, doc, specpath::parent(path));
+    std::string above = specpath::parent(path);
+    while (!doc.has(above)) above = specpath::parent(above);
+    auto parent = address(layer, doc, above);
     if (!parent) return parent;
-    const PathElement& own = elements->back();
-    if (!parent->creation) return Address{specpath::child(parent->path, own.list, own.name), {}};
-    parent->path = relativePath(path, specpath::parent(path));
-    return parent;
+    if (parent->creation) return Address{relativePath(path, above), parent->creation};
+    return Address{specpath::replacePrefix(path, above, parent->path), {}};
+}
+
+// The new parent of an object, which may have no spec here (M15).
+Result<Address> Prediction::parentOfPlace(const LayerId& layer, const LayerDoc& doc,
+                                          const std::string& path) const {
+    if (doc.has(path)) return address(layer, doc, path);
+    const auto notes = notes_.find(layer);
+    if (notes != notes_.end() && notes->second.moves.movesOnlySpec(path))
+        return fail(ErrorCode::SpecNotFound, "nothing names " + path);
+    return placeAddress(layer, doc, path);
+}
+
+// M15: what the paths in the values of an edit name; nothing if they are paths at the base.
+std::vector<Address> Prediction::namesOf(const AuthoredEdit& edit) const {
+    const auto notes = notes_.find(edit.layer);
+    if (notes == notes_.end() || notes->second.moves.empty() || !mayHavePaths(edit.action))
+        return {};
+    std::vector<Address> names;
+    bool differ = false;
+    forEachPath(edit.action, [&](std::string_view path, PathRole role) {
+        // A place keeps its name (a relocate): only its parent can have moved.
+        const std::string parent = specpath::parent(path);
+        auto name =
+            notes->second.moves.object(role == PathRole::Place ? parent : std::string(path));
+        if (name && role == PathRole::Place && !name->creation) {
+            const PathElement last = specpath::last(path);
+            name->path = specpath::child(name->path, last.list, last.name);
+        } else if (role == PathRole::Place) {
+            name.reset();
+        }
+        names.push_back(name.value_or(Address{}));
+        differ = differ || names.back() != Address{std::string(path), {}};
+    });
+    return differ ? names : std::vector<Address>();
 }
 
 Prediction::Effect Prediction::effect(const Edit& committed,
@@ -280,6 +461,8 @@ Prediction::Effect Prediction::effect(const Edit& committed,
     if (!field) return Effect::Invalidates;
     const auto notes = notes_.find(committed.layer);
     if (notes == notes_.end()) return Effect::Applies;
+    // Its paths may be corrected (M16).
+    if (notes->second.editsPlaces && mayHavePaths(committed.action)) return Effect::Invalidates;
     const std::string& path = committed.address.path;
     const auto writes = [&](std::string_view other) {
         return notes->second.fields.contains(fieldKey(path, other));

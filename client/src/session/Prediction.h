@@ -22,9 +22,6 @@ inline constexpr std::uint64_t kThisPreview = ~std::uint64_t(0);
 /// The field that an action sets or erases; nullptr for other actions.
 [[nodiscard]] const std::string* fieldOf(const EditAction& action);
 
-/// The new path of a spec at `path`, relative to the address of its new parent.
-[[nodiscard]] std::string destination(std::string_view path, const MoveSpec& move);
-
 /// The view where it differs from the confirmed layers: previews of others and own transactions on
 /// top of them (M7). Only layers that one of these edits have a doc here. The view of all others is
 /// the confirmed doc, which is not copied.
@@ -43,6 +40,7 @@ public:
         const NamespaceLog& log;
         const OwnCreations& creations;  ///< creations of own commits
         const Revision& revision;
+        const ClientId& self;
     };
     explicit Prediction(const Confirmed& confirmed)
         : confirmed_(&confirmed), names_(&confirmed.log), creations_(&confirmed.creations) {}
@@ -55,7 +53,8 @@ public:
     void preview(std::uint64_t slot, const PreviewFrame& frame);
     /// Executes an own transaction, with the code that the server runs.
     Prognosis run(const Transaction& transaction);
-    /// Like run(), and also returns each edit with its path in the view (nothing: it was dropped).
+    /// Like run(), and also returns each edit with its path in the view and the author's own value,
+    /// which is not merged with that of a colleague (nothing: it was dropped).
     struct Landed {
         Prognosis prognosis;
         std::vector<std::optional<AuthoredEdit>> edits;
@@ -106,18 +105,59 @@ public:
     [[nodiscard]] bool previewsChangeNames() const { return previewsChangeNames_; }
 
 private:
-    // The moves of a layer, in order.
+    // The moves of a layer, and the edits of places (M15), in order.
     class Moves {
     public:
-        void add(std::string from, std::string to);
+        // Adds a move or a delete of a spec.
+        void add(std::string from, std::optional<std::string> to);
+        // Adds the creation of a spec by an own edit.
+        void create(const std::string& path, const Creation& edit);
+        // Adds an edit of a place, after that of the spec.
+        void vacate(std::string from, std::optional<std::string> to,
+                    const std::optional<Creation>& edit, bool movesSpec);
         // Returns the path that the spec at `path` had before all moves.
         [[nodiscard]] std::string undone(std::string path) const;
+        // Returns what names the place `path`: its path before all moves, or its path below what an
+        // own edit has created or vacated; nothing if that is an edit of a preview.
+        [[nodiscard]] std::optional<Address> place(std::string path) const;
+        // Returns what names the object at `path` in a value; nothing if it is unknown, because an
+        // own edit has moved or deleted only the spec that was there.
+        [[nodiscard]] std::optional<Address> object(std::string path) const;
+        // Returns whether an edit of no place has moved or deleted a spec here, or moved one to
+        // here.
+        [[nodiscard]] bool movesOnlySpec(const std::string& path) const;
+        [[nodiscard]] bool empty() const { return moves_.empty(); }
 
     private:
-        [[nodiscard]] std::optional<std::size_t> lastTo(std::string path, std::size_t end) const;
+        struct Move {
+            std::string from;
+            std::optional<std::string> to;
+            std::optional<Creation> edit;  // an own edit of a place
+        };
+        // Moves by their paths, with their numbers.
+        using ByPath = std::set<std::pair<std::string, std::size_t>>;
+        struct Index {
+            ByPath from, to;
+        };
+        struct Created {
+            std::string path;
+            std::size_t time;  // it was created before the move with this number
+            Creation edit;
+        };
+        [[nodiscard]] static std::optional<std::size_t> lastOf(const ByPath& paths,
+                                                               std::string path, std::size_t end);
+        [[nodiscard]] static std::optional<std::size_t> lastAt(const ByPath& paths,
+                                                               const std::string& path);
+        [[nodiscard]] std::optional<Address> before(std::string path, bool isPlace) const;
+        [[nodiscard]] const Created* lastCreated(std::string path, std::size_t end) const;
 
-        std::vector<std::pair<std::string, std::string>> moves_;
-        std::set<std::pair<std::string, std::size_t>> byTarget_;  // with numbers of moves
+        std::vector<Move> moves_;
+        std::vector<Created> created_;
+        // created_ by path and time, filled in when it is needed: nearly always there is no move.
+        mutable std::map<std::pair<std::string, std::size_t>, std::size_t> createdByPath_;
+        mutable std::size_t indexed_ = 0;
+        Index specs_, places_;
+        ByPath carried_;  // by the new path: those that moved a spec
     };
     struct LayerNotes {
         std::unordered_map<NodeId, Creation> created;  // own ones; others are of previews
@@ -125,15 +165,25 @@ private:
         std::unordered_map<std::string, std::uint64_t> fields;
         std::vector<std::string> structural;  // created, deleted, moved from and to
         Moves moves;
+        bool editsPlaces = false;  // also if nothing has moved (M16)
     };
 
     LayerDoc* open(const LayerId& layer);
+    static std::optional<Creation> numberOfPlace(const Executed& executed, std::size_t again,
+                                                 std::uint64_t sequence);
     Landed execute(const Transaction& transaction, bool own, NodeId firstNode, bool wantEdits);
     void note(const Edit& executed, const LayerDoc::Applied& applied,
               const std::optional<Creation>& creation, Prognosis& prognosis);
     Result<Address> address(const LayerId& layer, const LayerDoc& doc, std::string_view path) const;
-    Result<Address> childAddress(const LayerId& layer, const LayerDoc& doc,
+    Result<Address> placeAddress(const LayerId& layer, const LayerDoc& doc,
                                  std::string_view path) const;
+    Result<Address> newAddress(const LayerId& layer, const LayerDoc& doc,
+                               std::string_view path) const;
+    Result<Address> addressBelow(const LayerId& layer, const LayerDoc& doc,
+                                 std::string_view path) const;
+    Result<Address> parentOfPlace(const LayerId& layer, const LayerDoc& doc,
+                                  const std::string& path) const;
+    [[nodiscard]] std::vector<Address> namesOf(const AuthoredEdit& edit) const;
     Result<Edit> addressed(const AuthoredEdit& edit, const LayerDoc& doc) const;
 
     const Confirmed* confirmed_;

@@ -15,8 +15,7 @@ void applyTo(std::vector<AuthoredEdit>& failed, const AuthoredEdit& edit) {
     if (std::holds_alternative<DeleteSpec>(edit.action)) std::erase_if(failed, below);
     const auto* move = std::get_if<MoveSpec>(&edit.action);
     if (!move) return;
-    const std::string to =
-        specpath::child(move->parent.path, specpath::last(edit.path).list, move->name);
+    const std::string to = destination(edit.path, *move);
     for (AuthoredEdit& other : failed)
         if (below(other)) other.path = specpath::replacePrefix(other.path, edit.path, to);
 }
@@ -74,18 +73,19 @@ bool Session::Impl::writeAgain(std::vector<AuthoredEdit>& edits) {
     if (gesture_ || frozen_ || dirty_) return false;
     Pending* pending = pending_.writtenAgainBy(edits);
     if (!pending || !pending->prognosis.complete) return false;
-    readdress(*pending);
-    pending_.rebase(*pending, revision_);
+    rebase(*pending);
     Transaction& transaction = pending->transaction;
     const auto number = [&](std::size_t index) {
         return Creation{transaction.id.sequence, std::uint32_t(index)};
     };
     // A path may be that of another spec now.
+    std::vector<std::vector<Address>> names;
     for (std::size_t index = 0; index < edits.size(); ++index) {
         auto addressed = prediction_.addressed(edits[index]);
         if (!addressed) return false;
         readdress(*addressed, prediction_.openedAt(addressed->layer), number(index));
         if (addressed->address != transaction.edits[index].address) return false;
+        names.push_back(std::move(addressed->names));
     }
     LostWork lost;
     lost.sequence = transaction.id.sequence;
@@ -100,6 +100,7 @@ bool Session::Impl::writeAgain(std::vector<AuthoredEdit>& edits) {
             continue;
         }
         transaction.edits[index].action = edits[index].action;
+        transaction.edits[index].names = std::move(names[index]);
         pending->authored[index] = std::move(edits[index]);
         ++writtenAgain_;
     }
@@ -125,12 +126,16 @@ void Session::Impl::authorInto(Pending& pending, std::vector<AuthoredEdit> edits
                                Repairs& repairs) {
     for (AuthoredEdit& edit : edits) {
         Result<Edit> addressed = predictEdit(pending, edit);
+        // Nothing is lost if nothing is at this place.
+        if (!addressed && concernsPlace(edit.action)) continue;
         if (!addressed) {
             if (lost.edits.empty()) lost.reason = addressed.error();
             noteRepair(edit, repairs);
             lost.edits.push_back(std::move(edit));
             continue;
         }
+        if (concernsPlace(edit.action) || std::holds_alternative<DeleteSpec>(edit.action))
+            noteSeen(pending.transaction, edit.layer);
         if (!gesture_) collectBlobs(edit.action, pending.blobs);
         applyTo(repairs.fields, edit);
         if (frozen_) pending.carried.push_back(edit);
@@ -142,6 +147,14 @@ void Session::Impl::authorInto(Pending& pending, std::vector<AuthoredEdit> edits
             pending.authored.push_back(std::move(edit));
         }
     }
+}
+
+// M16, M17: the author of an edit of a place, or of a delete, had seen the view. While it is being
+// computed again, it lacks some commits.
+void Session::Impl::noteSeen(Transaction& transaction, const LayerId& layer) const {
+    if (frozen_) return;
+    const Revision seen = dirty_ || rebuild_ ? prediction_.openedAt(layer) : revision_;
+    transaction.seen = transaction.seen == 0 ? seen : std::min(transaction.seen, seen);
 }
 
 // Applies an edit to the view, and returns it with its address.

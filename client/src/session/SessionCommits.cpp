@@ -58,6 +58,7 @@ void Session::Impl::apply(const Commit& commit) {
         previewsChanged();
         events_.push_back(event::PreviewChanged{gesture.first, gesture.second, true});
     }
+    if (!mine && commit.firstUnseen != 0) committed_.follow(log_);
     Prediction* current = frozen_ ? nullptr : follow(commit, own);
     const auto applied = applyCommit(confirmed_, log_, commit);
     keepForLater(commit);
@@ -74,7 +75,10 @@ void Session::Impl::apply(const Commit& commit) {
     else if (own)
         editor_.ownCommitted(commit, own->transaction.base);
     if (!frozen_) applyToEditor(commit, own != nullptr, current);
-    if (mine) acknowledge(commit, current);
+    if (mine)
+        acknowledge(commit, current);
+    else if (auto lost = committed_.takenBy(log_, commit))
+        events_.push_back(event::Lost{*std::move(lost)});
     prune();
 }
 
@@ -143,7 +147,7 @@ void Session::Impl::applyToEditor(const Commit& commit, bool own, Prediction* cu
 }
 
 void Session::Impl::acknowledge(const Commit& commit, Prediction* current) {
-    const auto pending = pending_.take(commit.id.sequence);
+    auto pending = pending_.take(commit.id.sequence);
     if (!pending) return;
     held_.reset();
     if (current) current->acknowledge(commit.id.sequence, pending->prognosis);
@@ -155,6 +159,7 @@ void Session::Impl::acknowledge(const Commit& commit, Prediction* current) {
     answered_ += std::size_t(std::count_if(edits.begin(), edits.end(), [](const Edit& edit) {
         return fieldOf(edit.action) == nullptr;
     }));
+    committed_.add(log_, commit, *std::move(pending));
     if (!pending_.empty()) {
         // Drops the notes about their specs from time to time.
         if (!dirty_ && answered_ > std::max(kAnsweredKept, 2 * pending_.size()))
@@ -229,10 +234,12 @@ void Session::Impl::hold(std::uint64_t sequence, const Error& reason) {
 void Session::Impl::prune() {
     const Revision kept = revision_ > kPreviewsBehind ? revision_ - kPreviewsBehind : 0;
     if (kept < log_.oldest() + kPrunedAtOnce) return;
-    Revision oldest = prediction_.oldest(pending_.oldestBase(kept));
+    Revision oldest = prediction_.oldest(pending_.oldestNeeded(kept));
     if (rebuild_) oldest = rebuild_->next.oldest(oldest);
-    if (gesture_) oldest = std::min(oldest, gesture_->pending.transaction.base);
-    if (oldest > log_.oldest()) log_.prune(oldest);
+    if (gesture_) oldest = std::min(oldest, neededSince(gesture_->pending.transaction));
+    if (oldest <= log_.oldest()) return;
+    committed_.follow(log_);
+    log_.prune(oldest);
 }
 
 // ---- joining

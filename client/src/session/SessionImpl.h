@@ -14,8 +14,9 @@
 #include "PendingRequests.h"
 #include "PendingTransactions.h"
 #include "Prediction.h"
+#include "session/CommittedWork.h"
 #include "session/Session.h"
-#include "usdlive/common/layer/TransactionExecutor.h"
+#include "usdlive/common/layer/AddressResolver.h"
 #include "usdlive/common/protocol/FrameParts.h"
 
 namespace usdlive::client {
@@ -265,10 +266,16 @@ private:
     void predictPreviews(Prediction& prediction) const;
     void predictGesture(Prediction& prediction);
     void checkPrediction() const;
-    [[nodiscard]] bool readdress(Address& address, const LayerId& layer, Revision since,
-                                 bool creates) const;
-    void readdress(Edit& edit, Revision since, const Creation& number) const;
+    void readdress(Edit& edit, Revision since, const Creation& number,
+                   bool isRenewed = false) const;
+    void renewNames(Edit& edit, const AddressResolver& resolver, const Creation& number) const;
     void readdress(Pending& pending);
+    void rebase(Pending& pending);
+    bool objectsMovedSince(Revision base) const;
+    void notePlaces();
+    void notePlaces(Pending& pending);
+    std::optional<std::string> placeOf(const Creation& creation, const Pending& later);
+    [[nodiscard]] bool followPlace(Pending& pending, std::uint32_t index) const;
     void readdressGesture();
     void addressCarried(Pending& pending, std::vector<std::optional<AuthoredEdit>> edits);
     void showDifference(const LayerDocs& before);
@@ -290,6 +297,7 @@ private:
     void authorInto(Pending& pending, std::vector<AuthoredEdit> edits, LostWork& lost,
                     Repairs& repairs);
     Result<Edit> predictEdit(Pending& pending, const AuthoredEdit& edit);
+    void noteSeen(Transaction& transaction, const LayerId& layer) const;
     void noteRepair(const AuthoredEdit& edit, Repairs& repairs) const;
     void repair(const Repairs& repairs);
 
@@ -351,11 +359,13 @@ private:
     std::map<LayerId, std::int64_t> joinAgainAt_;  // layers that the server could not read
     std::set<LayerId> nextProjectLayers_;          // those that were listed before the welcome
     std::vector<LayerId> toKeep_;                  // open layers for which the hello had no room
+    CommittedWork committed_;
     std::optional<Frozen> frozen_;
     std::optional<Abandoned> abandoned_;
 
     // The predicted side.
-    const Prediction::Confirmed confirmedSide_{confirmed_, log_, creations_, revision_};
+    const Prediction::Confirmed confirmedSide_{confirmed_, log_, creations_, revision_,
+                                               options_.client};
     Prediction prediction_{confirmedSide_};
     Previews previews_;
     std::uint64_t lastSlot_ = 0;

@@ -68,8 +68,7 @@ void Session::Impl::sendTransactions() {
             moreToSend_ = true;
             break;
         }
-        readdress(*pending);
-        pending_.rebase(*pending, revision_);
+        rebase(*pending);
         const Transaction& transaction = pending->transaction;
         const std::uint64_t whole =
             takesParts_ ? std::min(options_.wholeBytes, frameLimit()) : frameLimit();

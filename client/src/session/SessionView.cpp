@@ -3,7 +3,9 @@
 #include <stdexcept>
 
 #include "SessionImpl.h"
+#include "usdlive/common/layer/AddressResolver.h"
 #include "usdlive/common/layer/MatchedSpecs.h"
+#include "usdlive/common/layer/PathsInValues.h"
 
 namespace usdlive::client {
 
@@ -113,54 +115,158 @@ void Session::Impl::checkPrediction() const {
 
 // ---- addresses
 
-// Translates an address at revision `since` to the current revision (M3). Specs that pending work
-// creates keep the address by creation; committed ones get a path. Returns false for a deleted
-// spec.
-bool Session::Impl::readdress(Address& address, const LayerId& layer, Revision since,
-                              bool creates) const {
-    std::string path = address.path;
-    std::optional<std::uint64_t> mark;
-    if (address.creation) {
-        const auto* created = creations_.find(*address.creation);
-        if (!created || created->layer != layer) return true;
-        auto absolute = absolutePath(address.path, created->path);
-        if (!absolute || !specpath::parse(*absolute)) return true;  // the server refuses it
-        path = *std::move(absolute);
-        mark = created->mark;
-    }
-    const auto carried = [&](std::string from) {
-        return mark ? log_.translateFrom(layer, std::move(from), *mark)
-                    : log_.translate(layer, std::move(from), since);
+// Translates the addresses of an edit at revision `since` to the current revision (M3, M15). Specs
+// that pending work creates keep the address by creation; committed ones get a path.
+void Session::Impl::readdress(Edit& edit, Revision since, const Creation& number,
+                              bool isRenewed) const {
+    const AddressResolver resolver(log_, options_.client, since, [this](const Creation& creation) {
+        return creations_.find(creation);
+    });
+    const auto isPending = [this](const Address& address) {
+        return address.creation && !creations_.find(*address.creation);
     };
-    if (creates && path != "/") {  // only its parent can have moved
-        const auto parent = carried(specpath::parent(path));
-        if (!parent) return false;
-        const PathElement last = specpath::last(path);
-        address = {specpath::child(*parent, last.list, last.name), {}};
-        return true;
+    // Returns false if the spec has been deleted. The server refuses other errors.
+    const auto renew = [&](Address& address, bool isPlace) {
+        if (isPending(address)) return true;
+        auto path =
+            isPlace ? resolver.place(edit.layer, address) : resolver.spec(edit.layer, address);
+        if (path) address = {*std::move(path), {}};
+        return path || path.error().code != ErrorCode::SpecDeleted;
+    };
+    const bool ofPlace = concernsPlace(edit.action);
+    renewNames(edit, resolver, number);
+    const bool isThere =
+        isRenewed ||
+        renew(edit.address, ofPlace || std::holds_alternative<CreateSpec>(edit.action));
+    auto* move = std::get_if<MoveSpec>(&edit.action);
+    const bool isParentThere = !move || renew(move->parent, false);
+    if (isThere && isParentThere) return;
+    if (!ofPlace) {
+        edit.address = unresolvable(number);
+    } else if (isThere) {
+        move->parent = unresolvable(number);
+    } else {
+        edit.address = {resolver.vacated(edit.layer, edit.address), {}};
+        edit.action = stayingAt(edit.address.path);
     }
-    auto now = carried(std::move(path));
-    if (!now) return false;
-    address = {*std::move(now), {}};
-    return true;
 }
 
-void Session::Impl::readdress(Edit& edit, Revision since, const Creation& number) const {
-    const bool creates = std::holds_alternative<CreateSpec>(edit.action);
-    auto* move = std::get_if<MoveSpec>(&edit.action);
-    if (!readdress(edit.address, edit.layer, since, creates) ||
-        (move && !readdress(move->parent, edit.layer, since, false)))
-        edit.address = unresolvable(number);
+// The names of the paths in the values follow, too.
+void Session::Impl::renewNames(Edit& edit, const AddressResolver& resolver,
+                               const Creation& number) const {
+    if (!mayHavePaths(edit.action)) return;
+    std::vector<Address> names;
+    bool differ = false;
+    forEachPath(edit.action, [&](std::string_view path, PathRole role) {
+        Address name{std::string(path), {}};
+        if (!edit.names.empty())
+            name = names.size() < edit.names.size() ? edit.names[names.size()] : Address{};
+        const bool isKnown = !name.creation || creations_.find(*name.creation);
+        if (isKnown && (name.creation || !name.path.empty())) {
+            auto now = resolver.named(edit.layer, name, path, role);
+            name = now ? Address{*std::move(now), {}} : unresolvable(number);
+        }
+        differ = differ || name != Address{std::string(path), {}};
+        names.push_back(std::move(name));
+    });
+    edit.names = differ ? std::move(names) : std::vector<Address>();
+}
+
+// Gives the edits of an unsent transaction addresses at the current revision. If objects have
+// moved, all unsent transactions get them, so that none has an older base than those before it.
+void Session::Impl::rebase(Pending& pending) {
+    const auto renew = [this](Pending& one) {
+        readdress(one);
+        pending_.rebase(one, revision_);
+    };
+    if (!objectsMovedSince(pending.transaction.base)) return renew(pending);
+    notePlaces();
+    for (Pending& one : pending_)
+        if (!one.sent) renew(one);
+}
+
+bool Session::Impl::objectsMovedSince(Revision base) const {
+    return log_.lastPlace() > log_.markAfter(base);
 }
 
 void Session::Impl::readdress(Pending& pending) {
     Transaction& transaction = pending.transaction;
-    for (std::uint32_t index = 0; index < transaction.edits.size(); ++index)
-        readdress(transaction.edits[index], transaction.base, {transaction.id.sequence, index});
+    const bool objectsMoved = objectsMovedSince(transaction.base);
+    if (objectsMoved) notePlaces(pending);
+    for (std::uint32_t index = 0; index < transaction.edits.size(); ++index) {
+        const bool isRenewed = objectsMoved && followPlace(pending, index);
+        readdress(transaction.edits[index], transaction.base, {transaction.id.sequence, index},
+                  isRenewed);
+    }
+}
+
+// M15: others may have moved the object at the place of a spec that is created below a spec of
+// pending work. The address by creation says nothing about that, so the places are noted before the
+// first edit gets another base.
+void Session::Impl::notePlaces() {
+    for (Pending& pending : pending_) notePlaces(pending);
+}
+
+void Session::Impl::notePlaces(Pending& pending) {
+    const auto& edits = pending.transaction.edits;
+    for (; pending.placesOf < edits.size(); ++pending.placesOf) {
+        const auto index = std::uint32_t(pending.placesOf);
+        const Edit& edit = edits[index];
+        const bool namesPlace =
+            std::holds_alternative<CreateSpec>(edit.action) || concernsPlace(edit.action);
+        if (!namesPlace || !edit.address.creation) continue;
+        const auto above = placeOf(*edit.address.creation, pending);
+        auto place = above ? absolutePath(edit.address.path, *above) : std::nullopt;
+        if (place) pending.places.emplace(index, *std::move(place));
+    }
+}
+
+// Returns the place at which pending work creates a spec, at the base of `later`.
+std::optional<std::string> Session::Impl::placeOf(const Creation& creation, const Pending& later) {
+    const bool isSame = creation.sequence == later.transaction.id.sequence;
+    const Pending* pending = isSame ? &later : pending_.find(creation.sequence);
+    if (!pending || creation.edit >= pending->transaction.edits.size()) return std::nullopt;
+    const Edit& edit = pending->transaction.edits[creation.edit];
+    if (!std::holds_alternative<CreateSpec>(edit.action)) return std::nullopt;
+    const auto noted = pending->places.find(creation.edit);
+    if (noted == pending->places.end() && edit.address.creation) return std::nullopt;
+    return log_.translatePlaceBetween(
+        edit.layer, noted == pending->places.end() ? edit.address.path : noted->second,
+        log_.markAfter(pending->transaction.base), log_.markAfter(later.transaction.base),
+        NamespaceLog::authorOf(options_.client));
+}
+
+// Returns whether the address is a path at the current revision now.
+bool Session::Impl::followPlace(Pending& pending, std::uint32_t index) const {
+    Edit& edit = pending.transaction.edits[index];
+    const auto noted = pending.places.find(index);
+    if (noted == pending.places.end() || !edit.address.creation ||
+        creations_.find(*edit.address.creation))
+        return false;
+    const std::uint64_t since = log_.markAfter(pending.transaction.base);
+    const auto self = NamespaceLog::authorOf(options_.client);
+    const std::string before = noted->second;
+    auto now = log_.translatePlaceBetween(edit.layer, before, since, log_.mark(), self);
+    if (now == before) return false;
+    const std::string& relative = edit.address.path;
+    const std::string above = before.substr(0, before.size() - relative.size());
+    if (relative.starts_with('{') || !before.ends_with(relative) ||
+        absolutePath(relative, above) != before)
+        return false;
+    const auto aboveNow = log_.translatePlaceBetween(edit.layer, above, since, log_.mark(), self);
+    if (!now)
+        edit.address = unresolvable({pending.transaction.id.sequence, index});
+    else if (aboveNow && specpath::hasPrefix(*now, *aboveNow))
+        edit.address.path = relativePath(*now, *aboveNow);
+    else
+        edit.address = {*now, {}};
+    if (now) noted->second = *std::move(now);
+    return !edit.address.creation;
 }
 
 void Session::Impl::readdressGesture() {
     if (!gesture_ || gesture_->pending.transaction.base == revision_) return;
+    if (objectsMovedSince(gesture_->pending.transaction.base)) notePlaces();
     readdress(gesture_->pending);
     gesture_->pending.transaction.base = revision_;
 }
@@ -170,6 +276,11 @@ void Session::Impl::addressCarried(Pending& pending,
     pending.prognosis = {};
     pending.changedSince = pending.sent;
     pending.transaction.base = revision_;
+    const bool movesObjects = std::ranges::any_of(
+        pending.authored, [](const AuthoredEdit& edit) { return concernsPlace(edit.action); });
+    pending.transaction.seen = movesObjects ? revision_ : 0;
+    pending.places.clear();
+    pending.placesOf = 0;
     for (std::size_t index = 0; index < edits.size(); ++index) {
         const Creation number{pending.transaction.id.sequence, std::uint32_t(index)};
         auto addressed = edits[index] ? prediction_.author(*edits[index], number, pending.prognosis)
@@ -239,6 +350,7 @@ void Session::Impl::freeze() {
     host_.discard(std::make_shared<LayerDocs>(std::exchange(confirmed_, {})));
     log_ = {};
     creations_ = {};
+    committed_.clear();
     discard(prediction_.startAnew());
 }
 

@@ -500,7 +500,8 @@ Result<void> Capture::record(std::string_view path, EditAction action) {
     if (auto proper = check(path, action); !proper) return proper;
     const auto applied = working_->apply(path, action);
     if (!applied) return tl::unexpected(applied.error());
-    if (applied->changed) edits_.push_back({layer_, std::string(path), std::move(action)});
+    if (applied->changed || concernsPlace(action))
+        edits_.push_back({layer_, std::string(path), std::move(action)});
     return {};
 }
 
@@ -567,6 +568,18 @@ void Capture::specMoved(const SdfPath& from, const SdfPath& to) {
     if (record(from.GetString(), move)) return;
     unclear_.insert(from);
     unclear_.insert(to);
+}
+
+void Capture::placeMoved(const SdfPath& from, const SdfPath& to) {
+    if (from.ContainsTargetPath() || to.ContainsTargetPath() || isForeign()) return;
+    begin();
+    // A spec that is there now stays.
+    if (working_->has(from.GetString())) return;
+    const EditAction action =
+        to.IsEmpty()
+            ? EditAction(DeleteSpec{true})
+            : EditAction(MoveSpec{{to.GetParentPath().GetString(), {}}, to.GetName(), true});
+    static_cast<void>(record(from.GetString(), action));
 }
 
 void Capture::childrenChanged(const SdfPath& parent, const TfToken& field, bool appended) {

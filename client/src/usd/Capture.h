@@ -77,6 +77,7 @@ public:
     void timeSampleChanged(const pxr::SdfPath& path, double time) override;
     void arrayWritten(const pxr::SdfPath& path, const pxr::TfToken& field,
                       std::optional<double> time, const pxr::VtValue& array) override;
+    void placeMoved(const pxr::SdfPath& from, const pxr::SdfPath& to) override;
     void clipsWritten(const pxr::VtValue& value) override;
     void layersNamed(const std::set<std::string>& assets) override;
 

@@ -152,16 +152,8 @@ void UnsentSender::note(const Commit& commit) {
         committed_.insert(commit.id.sequence);
         return;
     }
-    for (const Edit& edit : commit.edits) {
-        const std::string& path = edit.address.path;
-        if (std::holds_alternative<DeleteSpec>(edit.action)) {
-            moves_.recordDelete(commit.revision, edit.layer, path);
-        } else if (const auto* move = std::get_if<MoveSpec>(&edit.action)) {
-            const ChildList list = specpath::last(path).list;
-            moves_.recordMove(commit.revision, edit.layer, path,
-                              specpath::child(move->parent.path, list, move->name));
-        }
-    }
+    for (const Edit& edit : commit.edits)
+        recordMove(moves_, commit.revision, commit.id.client, edit);
 }
 
 Result<void> UnsentSender::openLayers() {

@@ -1,7 +1,27 @@
-// Names the kinds of specs and finds the blobs of an edit.
+// Names the kinds of specs, and says what an edit moves and which blobs it names.
 #include "usdlive/common/layer/Edit.h"
 
 namespace usdlive {
+
+bool concernsPlace(const EditAction& action) {
+    const auto* move = std::get_if<MoveSpec>(&action);
+    const auto* remove = std::get_if<DeleteSpec>(&action);
+    return (move && move->place) || (remove && remove->place);
+}
+
+std::string destination(std::string_view path, const MoveSpec& move) {
+    return specpath::child(move.parent.path, specpath::last(path).list, move.name);
+}
+
+MoveSpec stayingAt(std::string_view path) {
+    return {{specpath::parent(path), {}}, std::string(specpath::last(path).name), true};
+}
+
+bool changesNamespace(const Edit& executed) {
+    if (std::holds_alternative<DeleteSpec>(executed.action)) return true;
+    const auto* move = std::get_if<MoveSpec>(&executed.action);
+    return move && destination(executed.address.path, *move) != executed.address.path;
+}
 
 std::string_view specKindName(SpecKind kind) {
     switch (kind) {

@@ -300,9 +300,10 @@ public:
         return applied;
     }
 
-    Result<Applied> operator()(const DeleteSpec&) {
+    Result<Applied> operator()(const DeleteSpec& erase) {
         if (elements_.empty()) return rootStays();
         const ChildEntry* entry = find();
+        if (!entry && erase.place) return Applied{};
         if (!entry) return noSpec(path_);
         Applied applied{true, entry->node->id, 0, 0, false, {}};
         collectIds(*entry->node, applied.erased);
@@ -314,6 +315,7 @@ public:
     Result<Applied> operator()(const MoveSpec& move) {
         if (elements_.empty()) return rootStays();
         const ChildEntry* entry = find();
+        if (!entry && move.place) return Applied{};
         if (!entry) return noSpec(path_);
         if (move.parent.creation)
             return fail(ErrorCode::InvalidEdit, "a move must name the new parent by its path");
@@ -327,7 +329,9 @@ public:
         const std::string target = specpath::child(move.parent.path, list, move.name);
         const auto targetElements = specpath::parse(target);
         if (!targetElements) return tl::unexpected(targetElements.error());
-        return moveTo(*entry, target, *targetElements);
+        auto moved = moveTo(*entry, target, *targetElements);
+        if (!moved && move.place) return Applied{false, entry->node->id};
+        return moved;
     }
 
     Result<Applied> operator()(const PlaceSpec& place) {

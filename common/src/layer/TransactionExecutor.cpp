@@ -1,5 +1,5 @@
-// Executes transactions: translates addresses, drops or refuses edits, and applies the rest (M3-M7,
-// M13).
+// Executes transactions: translates addresses and the paths in values, drops or refuses edits, and
+// applies the rest (M3-M7, M13, M15, M16).
 #include "usdlive/common/layer/TransactionExecutor.h"
 
 #include <algorithm>
@@ -8,31 +8,12 @@
 #include <unordered_set>
 
 #include "usdlive/common/core/Utf8.h"
+#include "usdlive/common/layer/AddressResolver.h"
 #include "usdlive/common/layer/FieldParts.h"
 #include "usdlive/common/layer/FileRules.h"
+#include "usdlive/common/layer/PathsInValues.h"
 
 namespace usdlive {
-
-std::string relativePath(std::string_view path, std::string_view created) {
-    if (path == created) return {};
-    if (created.ends_with("=}")) return std::string(path.substr(created.rfind('{')));
-    return std::string(path.substr(created.size()));
-}
-
-std::optional<std::string> absolutePath(std::string_view relative, std::string_view created) {
-    if (relative.empty()) return std::string(created);
-    if (created.ends_with("=}")) {
-        const std::size_t equals = relative.find('=');
-        if (!relative.starts_with('{') || equals == std::string_view::npos) return std::nullopt;
-        return std::string(created.substr(0, created.size() - 1))
-            .append(relative.substr(equals + 1));
-    }
-    const bool afterVariant = created.ends_with('}');
-    const bool separated = std::string_view("/.{").find(relative.front()) != std::string_view::npos;
-    if (afterVariant && relative.starts_with('/')) relative.remove_prefix(1);
-    if (!afterVariant && !separated) return std::nullopt;
-    return std::string(created).append(relative);
-}
 
 namespace {
 
@@ -65,14 +46,16 @@ std::string_view fieldOf(const EditAction& action) {
     return {};
 }
 
-// Records the moves and deletes of an executed edit.
-void record(NamespaceLog& log, Revision revision, const Edit& edit) {
-    if (std::holds_alternative<DeleteSpec>(edit.action))
-        log.recordDelete(revision, edit.layer, edit.address.path);
-    else if (const auto* move = std::get_if<MoveSpec>(&edit.action))
-        log.recordMove(
-            revision, edit.layer, edit.address.path,
-            specpath::child(move->parent.path, specpath::last(edit.address.path).list, move->name));
+// Records what an executed edit has moved or deleted, or that it wrote paths.
+void record(NamespaceLog& log, Revision revision, const ClientId& author, const Edit& edit,
+            const LayerDoc::Applied& applied) {
+    if (const auto* set = std::get_if<SetField>(&edit.action)) {
+        if (applied.changed && mayHavePaths(edit.action))
+            log.recordNaming(revision, edit.layer, edit.address.path, set->field,
+                             NamespaceLog::authorOf(author));
+    } else {
+        recordMove(log, revision, author, edit);
+    }
 }
 
 class Execution {
@@ -83,7 +66,10 @@ public:
           log_(log),
           creations_(creations),
           transaction_(transaction),
-          revision_(revision) {}
+          revision_(revision),
+          firstMark_(log.mark()),
+          resolver_(log, transaction.id.client, transaction.base,
+                    [this](const Creation& creation) { return find(creation); }) {}
 
     Outcome run() {
         if (auto refused = checkAll()) return *std::move(refused);
@@ -100,7 +86,10 @@ public:
                 return Refused{done.error().error, index};
             }
             executed_.dropped.push_back({index, done.error().error.code, edit});
+            executed_.dropped.back().edit.names.clear();
         }
+        moveUnderNewParents();
+        correctUnseenPaths();
         eraseMisfits();
         return std::move(executed_);
     }
@@ -135,6 +124,8 @@ private:
             return fail(ErrorCode::LayerNotFound,
                         "there is no layer " + inQuotes(edit.layer.value));
         if (auto valid = checkPath(edit.address); !valid) return valid;
+        for (const Address& name : edit.names)
+            if (auto valid = checkPath(name); !valid && !name.path.empty()) return valid;
         if (const auto* move = std::get_if<MoveSpec>(&edit.action)) return checkPath(move->parent);
         const bool root = !edit.address.creation && edit.address.path == "/";
         if (const auto* set = std::get_if<SetField>(&edit.action))
@@ -215,8 +206,8 @@ private:
     // ED9: erases values that do not fit the new type of an attribute. Appends these edits, so that
     // the submitted ones keep their numbers.
     void eraseMisfits() {
-        for (const auto& [layer, from, mark] : retyped_) {
-            const auto path = log_.translateFrom(layer, from, mark);
+        for (const auto& [layer, from] : retyped_) {
+            const auto path = log_.translateFrom(layer, from.path, from.mark);
             if (!path) continue;
             LayerDoc& doc = layers_.find(layer)->second;
             for (const char* field : {"default", "spline", "timeSamples"}) {
@@ -232,26 +223,28 @@ private:
     }
 
     // M13: the author created a spec that somebody else has created meanwhile. Sets the field to
-    // the merged content of both, which the commit then contains.
-    void mergeWithExisting(const Address& submitted, Edit& edit) {
+    // the merged content of both, which the commit then contains. Returns the author's own value.
+    std::optional<FieldValue> mergeWithExisting(const Address& submitted, Edit& edit) {
         auto* set = std::get_if<SetField>(&edit.action);
-        if (merged_.empty() || !set || !std::holds_alternative<std::monostate>(set->part)) return;
+        if (merged_.empty() || !set || !std::holds_alternative<std::monostate>(set->part))
+            return {};
         const LayerDoc& doc = layers_.find(edit.layer)->second;
         const FieldValue* present = doc.field(edit.address.path, set->field);
         if (!present || !merged_.contains({edit.layer, doc.idsAlong(edit.address.path).back()}))
-            return;
+            return {};
         // Editors create an `over` for each missing prim on the path of an edit.
-        if (makesOver(*set))
-            set->value = *present;
-        else if (fitsType(laterType(edit.layer, submitted).value_or(std::string_view()), set->field,
-                          *present))
-            set->value = unitedParts(set->field, *present, set->value);
+        if (makesOver(*set)) return std::exchange(set->value, *present);
+        if (!fitsType(laterType(edit.layer, submitted).value_or(std::string_view()), set->field,
+                      *present))
+            return {};
+        FieldValue merged = unitedParts(set->field, *present, set->value);
+        return std::exchange(set->value, std::move(merged));
     }
 
     Attempt<void> executeEdit(const Edit& edit, std::uint32_t index) {
+        if (concernsPlace(edit.action)) return executePlaceEdit(edit, index);
         const bool creates = std::holds_alternative<CreateSpec>(edit.action);
-        auto path =
-            creates ? resolvePlace(edit.layer, edit.address) : resolve(edit.layer, edit.address);
+        auto path = resolve(edit.layer, edit.address, creates);
         if (!path) return tl::unexpected(path.error());
         ExecutedEdit done{{edit.layer, {*std::move(path), {}}, edit.action}, {}};
         if (auto* move = std::get_if<MoveSpec>(&done.edit.action)) {
@@ -259,20 +252,154 @@ private:
             if (!parent) return tl::unexpected(parent.error());
             move->parent = {*std::move(parent), {}};
         }
+        if (auto named = resolveNames(edit, done.edit.action); !named) return named;
         if (auto proper = applyFileRules(edit.address, done.edit); !proper) return proper;
-        mergeWithExisting(edit.address, done.edit);
+        auto unmerged = mergeWithExisting(edit.address, done.edit);
         auto applied =
             layers_.find(edit.layer)
                 ->second.apply(done.edit.address.path, done.edit.action, LayerDoc::By::Author);
         if (!applied) return tl::unexpected(stopFor(edit, applied.error()));
         done.applied = *std::move(applied);
-        if (done.applied.changed) record(log_, revision_, done.edit);
-        if (creates) created_[index] = {edit.layer, done.edit.address.path, log_.mark()};
+        record(log_, revision_, transaction_.id.client, done.edit, done.applied);
+        if (creates)
+            created_[index] = {edit.layer, done.edit.address.path, log_.mark(),
+                               resolver_.before(edit.layer, edit.address)};
         if (done.applied.changed && fieldOf(edit.action) == kTypeName)
-            retyped_.push_back({edit.layer, done.edit.address.path, log_.mark()});
+            retyped_.push_back({edit.layer, {done.edit.address.path, log_.mark()}});
         if (creates && !done.applied.changed) merged_.insert({edit.layer, done.applied.node});
+        if (unmerged) executed_.unmerged.emplace(executed_.edits.size(), *std::move(unmerged));
         executed_.edits.push_back(std::move(done));
         return {};
+    }
+
+    // M15: a move or delete of what is at a place. It is never dropped, because later addresses may
+    // name the place that it leaves. Has no effect if somebody has deleted the object, or the new
+    // parent.
+    Attempt<void> executePlaceEdit(const Edit& edit, std::uint32_t index) {
+        auto from = resolve(edit.layer, edit.address, true);
+        const bool isKnown = from || from.error().what == Stop::What::Drop;
+        if (!isKnown) return tl::unexpected(from.error());
+        if (from && *from == "/")
+            return refuse({ErrorCode::InvalidEdit, "the pseudo-root has no place"});
+        ExecutedEdit done{{edit.layer, {}, edit.action}, {}};
+        auto* move = std::get_if<MoveSpec>(&done.edit.action);
+        auto parent = move ? resolve(edit.layer, move->parent) : Attempt<std::string>("/");
+        if (!parent && parent.error().what == Stop::What::Refuse)
+            return tl::unexpected(parent.error());
+        if (!from || !parent) {
+            std::string left =
+                from ? *std::move(from) : resolver_.vacated(edit.layer, edit.address);
+            done.edit.action = stayingAt(left);
+            done.edit.address.path = left;
+            created_[index] = {edit.layer, std::move(left), log_.mark()};
+            executed_.edits.push_back(std::move(done));
+            return {};
+        }
+        done.edit.address.path = *std::move(from);
+        if (move) move->parent = {*std::move(parent), {}};
+        const std::string& path = done.edit.address.path;
+        auto applied =
+            layers_.find(edit.layer)->second.apply(path, done.edit.action, LayerDoc::By::Author);
+        if (!applied) return tl::unexpected(stopFor(edit, applied.error()));
+        done.applied = *std::move(applied);
+        if (move && done.applied.node != 0 && !done.applied.changed) {  // something is in its way
+            withoutParent_.emplace_back(index, done.edit);
+            done.edit.action = stayingAt(path);
+        }
+        record(log_, revision_, transaction_.id.client, done.edit, done.applied);
+        created_[index] = {edit.layer, path, log_.mark()};
+        executed_.edits.push_back(std::move(done));
+        return {};
+    }
+
+    // A colleague gave the moved object its first opinion in a layer that has nothing at the new
+    // parent. Creates it there, after all edits, so that the submitted ones keep their numbers.
+    void moveUnderNewParents() {
+        for (const auto& [index, edit] : withoutParent_) {
+            const auto& move = std::get<MoveSpec>(edit.action);
+            LayerDoc& doc = layers_.find(edit.layer)->second;
+            if (!doc.has(edit.address.path) || doc.has(destination(edit.address.path, move)))
+                continue;
+            std::vector<std::string> missing;
+            for (std::string at = move.parent.path; !doc.has(at); at = specpath::parent(at))
+                missing.push_back(at);
+            for (; !missing.empty(); missing.pop_back()) {
+                if (!append(doc, {edit.layer, {missing.back(), {}}, CreateSpec{SpecKind::Prim}}))
+                    return;
+                const Value over(ValueType::Specifier, Bytes{1});
+                (void)append(doc, {edit.layer,
+                                   {missing.back(), {}},
+                                   SetField{"specifier", {}, over, ValueType::None}});
+            }
+            if (append(doc, edit)) created_.at(index).mark = log_.mark();
+        }
+    }
+
+    // Executes an edit that is not the author's. Returns whether it changed something.
+    bool append(LayerDoc& doc, Edit edit) {
+        auto applied = doc.apply(edit.address.path, edit.action);
+        if (!applied || !applied->changed) return false;
+        record(log_, revision_, transaction_.id.client, edit, *applied);
+        executed_.edits.push_back({std::move(edit), *std::move(applied)});
+        return true;
+    }
+
+    // M16: the paths that others have written to a place from which this transaction moved or
+    // deleted the object, and that its author had not seen.
+    void correctUnseenPaths() {
+        const Revision seen = transaction_.seen == 0 ? transaction_.base : transaction_.seen;
+        if (seen + 1 >= revision_) return;
+        std::set<LayerId> layers;
+        for (const auto& [index, entry] : created_)
+            if (concernsPlace(transaction_.edits[index].action)) layers.insert(entry.layer);
+        for (const LayerId& layer : layers) correctUnseenPaths(layer, seen);
+    }
+
+    void correctUnseenPaths(const LayerId& layer, Revision seen) {
+        LayerDoc& doc = layers_.find(layer)->second;
+        std::set<std::pair<std::string, std::string>> named;
+        const auto note = [&](std::string path, const std::string& field) {
+            named.emplace(std::move(path), field);
+        };
+        const auto author = NamespaceLog::authorOf(transaction_.id.client);
+        if (!log_.forEachNaming(layer, seen, author, note))
+            doc.visit([&](const LayerDoc::SpecView& spec) {
+                for (const auto& [field, content] : *spec.fields)
+                    if (mayHavePaths(content)) named.emplace(std::string(spec.path), field);
+            });
+        const PathChange change = [&](std::string_view path, PathRole role) {
+            return carried(log_, layer, path, firstMark_, role);
+        };
+        for (const auto& [path, field] : named) {
+            const FieldValue* present = doc.field(path, field);
+            if (!present) continue;
+            FieldValue now = *present;
+            // An explicit list without items is an opinion, too.
+            const auto* list = now.as<ListOp>();
+            const bool left = changePaths(now, change) || (list && list->isExplicit);
+            if (now == *present && left) continue;
+            for (EditAction& action : left ? authoredParts(field, present, &now)
+                                           : std::vector<EditAction>{EraseField{field, {}}})
+                (void)append(doc, {layer, {path, {}}, std::move(action)});
+        }
+    }
+
+    // M15: carries the paths in the values of an edit to the present, as addresses.
+    Attempt<void> resolveNames(const Edit& edit, EditAction& action) {
+        if (!isValueEdit(action)) return {};
+        const bool isSimple = edit.names.empty();
+        if (isSimple && resolver_.baseMark() == log_.mark()) return {};
+        if (!mayHavePaths(action)) return {};
+        std::size_t number = 0;
+        const auto now = [&](std::string_view path, PathRole role) -> std::optional<std::string> {
+            const Address name = isSimple                     ? Address{std::string(path), {}}
+                                 : number < edit.names.size() ? edit.names[number]
+                                                              : Address{};
+            ++number;
+            return resolver_.named(edit.layer, name, path, role);
+        };
+        if (changePaths(action, now)) return {};
+        return drop(ErrorCode::SpecDeleted, "what the value names has been deleted");
     }
 
     static Stop stopFor(const Edit& edit, const Error& error) {
@@ -289,57 +416,20 @@ private:
         return {Stop::What::Refuse, error};
     }
 
-    // A path and the log entry from which it is translated.
-    struct Origin {
-        std::string path;
-        std::optional<std::uint64_t> mark;  // nothing: from the base revision on
-    };
-
-    [[nodiscard]] Attempt<Origin> origin(const LayerId& layer, const Address& address) const {
-        if (!address.creation) return Origin{address.path, {}};
-        const OwnCreations::Entry* entry = find(*address.creation);
-        if (!entry) return drop(ErrorCode::SpecDeleted, "the spec of the edit was never created");
-        if (entry->layer != layer)
-            return refuse({ErrorCode::InvalidEdit,
-                           "the spec of the edit was created in " + inQuotes(entry->layer.value)});
-        auto path = absolutePath(address.path, entry->path);
-        if (!path)
-            return refuse({ErrorCode::InvalidPath,
-                           inQuotes(address.path) + " cannot follow " + inQuotes(entry->path)});
-        if (const auto valid = specpath::parse(*path); !valid) return refuse(valid.error());
-        return Origin{*std::move(path), entry->mark};
-    }
-
     [[nodiscard]] const OwnCreations::Entry* find(const Creation& creation) const {
         if (creation.sequence != transaction_.id.sequence) return creations_.find(creation);
         const auto found = created_.find(creation.edit);
         return found == created_.end() ? nullptr : &found->second;
     }
 
-    [[nodiscard]] Attempt<std::string> carryForward(const LayerId& layer, Origin origin) const {
-        auto path = origin.mark ? log_.translateFrom(layer, origin.path, *origin.mark)
-                                : log_.translate(layer, origin.path, transaction_.base);
-        if (!path) return drop(ErrorCode::SpecDeleted, inQuotes(origin.path) + " has been deleted");
-        return *std::move(path);
-    }
-
-    [[nodiscard]] Attempt<std::string> resolve(const LayerId& layer, const Address& address) const {
-        auto from = origin(layer, address);
-        if (!from) return tl::unexpected(from.error());
-        return carryForward(layer, *std::move(from));
-    }
-
-    // For a spec to be created, only its parent can have moved. An earlier spec with the same path
-    // that was moved or deleted is another spec.
-    [[nodiscard]] Attempt<std::string> resolvePlace(const LayerId& layer,
-                                                    const Address& address) const {
-        auto from = origin(layer, address);
-        if (!from) return tl::unexpected(from.error());
-        if (from->path == "/") return from->path;  // apply() reports the error
-        const auto parent = carryForward(layer, {specpath::parent(from->path), from->mark});
-        if (!parent) return tl::unexpected(parent.error());
-        const PathElement last = specpath::last(from->path);
-        return specpath::child(*parent, last.list, last.name);
+    // Returns the path of an edit, or of the new parent of a move.
+    [[nodiscard]] Attempt<std::string> resolve(const LayerId& layer, const Address& address,
+                                               bool isPlace = false) const {
+        auto path = isPlace ? resolver_.place(layer, address) : resolver_.spec(layer, address);
+        if (path) return *std::move(path);
+        const auto what =
+            path.error().code == ErrorCode::SpecDeleted ? Stop::What::Drop : Stop::What::Refuse;
+        return tl::unexpected(Stop{what, std::move(path.error())});
     }
 
     LayerDocs& layers_;
@@ -347,18 +437,36 @@ private:
     const OwnCreations& creations_;
     const Transaction& transaction_;
     Revision revision_;
+    std::uint64_t firstMark_;  // the first entry of this transaction
+    AddressResolver resolver_;
 
     Executed executed_;
-    std::map<std::uint32_t, OwnCreations::Entry> created_;  // by this transaction's edits
-    LayerDocs copies_;                                      // the layers before the transaction
+    // Created specs and vacated places, by this transaction's edits.
+    std::map<std::uint32_t, OwnCreations::Entry> created_;
+    // Moves of places that had no effect, with their numbers.
+    std::vector<std::pair<std::uint32_t, Edit>> withoutParent_;
+    LayerDocs copies_;  // the layers before the transaction
     // Specs that existed already when a Create was executed (M2).
     std::set<std::pair<LayerId, NodeId>> merged_;
-    std::vector<OwnCreations::Entry> retyped_;  // specs with a new type name
+    std::vector<std::pair<LayerId, PlaceBefore>> retyped_;  // specs with a new type name
     using Register = std::tuple<LayerId, std::string_view, std::optional<Creation>>;
     std::optional<std::map<Register, std::string_view>> laterTypes_;
 };
 
 }  // namespace
+
+void recordMove(NamespaceLog& log, Revision revision, const ClientId& author,
+                const Edit& executed) {
+    if (!changesNamespace(executed)) return;
+    const auto what =
+        concernsPlace(executed.action) ? NamespaceLog::Of::Place : NamespaceLog::Of::Spec;
+    const auto number = NamespaceLog::authorOf(author);
+    const std::string& path = executed.address.path;
+    if (const auto* move = std::get_if<MoveSpec>(&executed.action))
+        log.recordMove(revision, executed.layer, path, destination(path, *move), what, number);
+    else
+        log.recordDelete(revision, executed.layer, path, what, number);
+}
 
 Outcome execute(LayerDocs& layers, NamespaceLog& log, OwnCreations& creations,
                 const Transaction& transaction, Revision revision) {
@@ -387,7 +495,7 @@ Result<Executed> executeInOrder(LayerDocs& layers, NamespaceLog& log, std::vecto
         before.try_emplace(layer->first, layer->second);
         auto applied = layer->second.apply(edit.address.path, edit.action);
         if (!applied) return undone(applied.error());
-        if (applied->changed) record(log, revision, edit);
+        record(log, revision, {}, edit, *applied);
         executed.edits.push_back({std::move(edit), std::move(*applied)});
     }
     return executed;
@@ -404,7 +512,7 @@ Result<void> applyCommit(LayerDocs& layers, NamespaceLog& log, const Commit& com
         if (!diverged.empty() && diverged.contains(edit.layer)) continue;
         const auto applied = layer->second.apply(edit.address.path, edit.action);
         if (applied) {
-            if (applied->changed) record(log, commit.revision, edit);
+            record(log, commit.revision, commit.id.client, edit, *applied);
             continue;
         }
         diverged.insert(edit.layer);
@@ -416,35 +524,49 @@ Result<void> applyCommit(LayerDocs& layers, NamespaceLog& log, const Commit& com
     return result;
 }
 
-void recordCreations(OwnCreations& creations, NamespaceLog& log, const Transaction& submitted,
-                     const Commit& commit) {
-    struct Created {
-        std::uint32_t index;
-        const Edit* edit;
-        std::uint64_t mark;
-    };
-    NamespaceLog own;  // the moves and deletes of the commit, numbered from 0
-    std::vector<Created> created;
+std::map<std::uint32_t, OwnCreations::Entry> createdBy(const NamespaceLog& log,
+                                                       const Commit& commit) {
+    std::map<std::uint32_t, OwnCreations::Entry> created;
+    std::map<std::pair<LayerId, std::string>, std::uint32_t> staying;  // objects that did not move
+    std::uint64_t mark = log.markAfter(commit.revision - 1);
     auto dropped = commit.dropped.begin();
-    auto executed = commit.edits.begin();
-    for (std::uint32_t index = 0; index < submitted.edits.size(); ++index) {
-        if (dropped != commit.dropped.end() && dropped->index == index) {
-            ++dropped;
-            continue;
-        }
-        if (executed == commit.edits.end()) break;
-        if (std::holds_alternative<CreateSpec>(executed->action))
-            created.push_back({index, &*executed, own.mark()});
-        record(own, commit.revision, *executed);
-        ++executed;
+    std::uint32_t index = 0;
+    for (const Edit& edit : commit.edits) {
+        for (; dropped != commit.dropped.end() && dropped->index == index; ++dropped) ++index;
+        const bool isEntry = log.isEntry(mark, edit);
+        if (isEntry) ++mark;
+        const bool ofPlace = concernsPlace(edit.action);
+        if (ofPlace || std::holds_alternative<CreateSpec>(edit.action))
+            created.emplace(index, OwnCreations::Entry{edit.layer, edit.address.path, mark});
+        if (ofPlace && !changesNamespace(edit))
+            staying.insert_or_assign({edit.layer, edit.address.path}, index);
+        else if (ofPlace && !staying.empty())  // moved under a new parent, after all others
+            if (const auto stayed = staying.find({edit.layer, edit.address.path});
+                isEntry && stayed != staying.end())
+                created.at(stayed->second).mark = mark;
+        ++index;
     }
-    for (const Created& item : created) {
-        const LayerId& layer = item.edit->layer;
-        auto path = own.translateFrom(layer, item.edit->address.path, item.mark);
-        if (path)
-            creations.record({submitted.id.sequence, item.index},
-                             {layer, *std::move(path), log.mark()}, commit.revision);
+    return created;
+}
+
+void recordCreations(OwnCreations& creations, const NamespaceLog& log, const Transaction& submitted,
+                     const Commit& commit) {
+    auto created = createdBy(log, commit);
+    created.erase(created.lower_bound(std::uint32_t(submitted.edits.size())), created.end());
+    const AddressResolver resolver(log, submitted.id.client, submitted.base,
+                                   [&](const Creation& creation) -> const OwnCreations::Entry* {
+                                       if (creation.sequence != submitted.id.sequence)
+                                           return creations.find(creation);
+                                       const auto found = created.find(creation.edit);
+                                       return found == created.end() ? nullptr : &found->second;
+                                   });
+    for (auto& [index, entry] : created) {
+        const Edit& edit = submitted.edits[index];
+        if (std::holds_alternative<CreateSpec>(edit.action))
+            entry.place = resolver.before(edit.layer, edit.address);
     }
+    for (auto& [index, entry] : created)
+        creations.record({submitted.id.sequence, index}, std::move(entry), commit.revision);
 }
 
 }  // namespace usdlive

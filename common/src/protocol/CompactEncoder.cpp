@@ -193,10 +193,15 @@ std::optional<CompactFrame> encoded(compact::Kind kind, const std::vector<Edit>&
 }  // namespace
 
 bool mayBeCompact(const std::vector<Edit>& edits) {
-    return edits.size() <= kMaxCompactEdits && leastFrameBytes(edits) <= kMaxCompactBytes;
+    const auto hasMore = [](const Edit& edit) {
+        return !edit.names.empty() || concernsPlace(edit.action);
+    };
+    return edits.size() <= kMaxCompactEdits && std::ranges::none_of(edits, hasMore) &&
+           leastFrameBytes(edits) <= kMaxCompactBytes;
 }
 
 std::optional<CompactFrame> encodeCompact(const Transaction& transaction, NameNumbers& names) {
+    if (transaction.seen != 0 && transaction.seen != transaction.base) return std::nullopt;
     return encoded(compact::Kind::Submit, transaction.edits, transaction, names);
 }
 
@@ -205,7 +210,8 @@ std::optional<CompactFrame> encodeCompact(const PreviewFrame& preview, NameNumbe
 }
 
 std::optional<CompactFrame> encodeCompact(const CompactCommit& commit, NameNumbers& names) {
-    if (commit.commit.dropped.size() > kMaxCompactEdits) return std::nullopt;
+    if (commit.commit.dropped.size() > kMaxCompactEdits || commit.commit.firstUnseen != 0)
+        return std::nullopt;
     return encoded(compact::Kind::Commit, commit.commit.edits, commit, names);
 }
 

@@ -124,12 +124,12 @@ private:
             case wire::Action::CreateSpec:
                 return CreateSpec{checkedKind(edit.action_as_CreateSpec()->kind())};
             case wire::Action::DeleteSpec:
-                return DeleteSpec{};
+                return DeleteSpec{edit.action_as_DeleteSpec()->place()};
             case wire::Action::MoveSpec: {
                 const wire::MoveSpec& move = *edit.action_as_MoveSpec();
                 const wire::Address& parent = *move.parent();
                 return MoveSpec{address(parent.path(), parent.sequence(), parent.edit()),
-                                text(move.name())};
+                                text(move.name()), move.place()};
             }
             case wire::Action::PlaceSpec:
                 return PlaceSpec{optionalText(edit.action_as_PlaceSpec()->before())};
@@ -164,7 +164,12 @@ private:
         require(edit.layer() < layers_.size(), "an edit names no layer of the frame");
         const LayerId& layer = layers_[edit.layer()];
         budget_.spend(std::min(layer.value.size(), DecodingBudget::kCountedLayerBytes));
-        return {layer, address(edit.path(), edit.sequence(), edit.edit()), action(edit)};
+        Edit result{layer, address(edit.path(), edit.sequence(), edit.edit()), action(edit)};
+        if (!edit.names()) return result;
+        budget_.spend(edit.names()->size(), sizeof(Address));
+        for (const wire::Address* name : *edit.names())
+            result.names.push_back(address(name->path(), name->sequence(), name->edit()));
+        return result;
     }
     std::vector<Edit> edits(const TableVector<wire::Edit>* edits) {
         std::vector<Edit> result;
@@ -183,6 +188,7 @@ private:
         frame.transaction.id = {clientId(submit.client()), submit.sequence()};
         frame.transaction.base = submit.base();
         frame.transaction.gesture = submit.gesture();
+        frame.transaction.seen = submit.seen();
         frame.transaction.edits = edits(submit.edits());
         frame.part = submit.part();
         frame.more = submit.more();
@@ -209,6 +215,9 @@ private:
         }
         result.previous = hash(commit.previous());
         result.conflated = commit.conflated();
+        result.firstUnseen = commit.first_unseen();
+        require(result.firstUnseen == 0 || result.firstUnseen < result.revision,
+                "a commit that says that itself was not seen");
         require(result.conflated == 0 ||
                     (result.conflated < result.revision && commit.hash_after() && !result.imported),
                 "a commit that stands for others without their hash");

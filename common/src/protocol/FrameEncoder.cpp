@@ -201,13 +201,15 @@ private:
                     return Pair(wire::Action::CreateSpec,
                                 wire::CreateCreateSpec(builder_, kind).Union());
                 },
-                [&](const DeleteSpec&) {
-                    return Pair(wire::Action::DeleteSpec, wire::CreateDeleteSpec(builder_).Union());
+                [&](const DeleteSpec& erased) {
+                    return Pair(wire::Action::DeleteSpec,
+                                wire::CreateDeleteSpec(builder_, erased.place).Union());
                 },
                 [&](const MoveSpec& move) {
                     const auto parent = address(move.parent);
+                    const TextOffset name = text(move.name);
                     return Pair(wire::Action::MoveSpec,
-                                wire::CreateMoveSpec(builder_, parent, text(move.name)).Union());
+                                wire::CreateMoveSpec(builder_, parent, name, move.place).Union());
                 },
                 [&](const PlaceSpec& place) {
                     const TextOffset before =
@@ -242,8 +244,14 @@ private:
         const TextOffset path = this->path(edit.address.path);
         const Creation creation = edit.address.creation.value_or(Creation{});
         const auto [type, action] = this->action(edit.action);
+        Offset<flatbuffers::Vector<Offset<wire::Address>>> names;
+        if (!edit.names.empty()) {
+            std::vector<Offset<wire::Address>> written;
+            for (const Address& name : edit.names) written.push_back(address(name));
+            names = builder_.CreateVector(written);
+        }
         return wire::CreateEdit(builder_, layer, path, creation.sequence, creation.edit, type,
-                                action);
+                                action, names);
     }
     /// Adds the edits that create a spec with its fields.
     void writeSpec(const LayerId& layer, const LayerDoc::SpecView& spec,
@@ -304,7 +312,7 @@ private:
         const auto layers = builder_.CreateVector(layers_);
         const TextOffset client = text(transaction.id.client.value);
         return wire::CreateSubmit(builder_, client, transaction.id.sequence, transaction.base,
-                                  transaction.gesture, layers, edits, part, more);
+                                  transaction.gesture, layers, edits, part, more, transaction.seen);
     }
     Offset<wire::Commit> write(const CommitFrame& frame) {
         const EditVector edits = this->edits(frame.commit.edits);
@@ -323,7 +331,7 @@ private:
         return wire::CreateCommit(builder_, commit.revision, commit.epoch, client,
                                   commit.id.sequence, user, commit.timeMs, commit.gesture, imported,
                                   layers, edits, dropped, previous, hashAfter, commit.conflated,
-                                  part, more);
+                                  part, more, commit.firstUnseen);
     }
     Offset<wire::Refusal> write(const RefusalFrame& frame) {
         const TextOffset code = text(errorName(frame.error.code));

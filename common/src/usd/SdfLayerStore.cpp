@@ -57,8 +57,9 @@ public:
         return {};
     }
 
-    Result<void> operator()(const DeleteSpec&) {
+    Result<void> operator()(const DeleteSpec& erase) {
         if (elements_.empty()) return rootStays();
+        if (erase.place && !delegate_.kind(path_)) return {};
         if (!delegate_.kind(path_)) return noSpec(text_);
         delegate_.placeBelow(path_);
         delegate_.deleteBelow(path_);
@@ -68,6 +69,7 @@ public:
 
     Result<void> operator()(const MoveSpec& move) {
         if (elements_.empty()) return rootStays();
+        if (move.place && !delegate_.kind(path_)) return {};
         if (!delegate_.kind(path_)) return noSpec(text_);
         if (move.parent.creation)
             return fail(ErrorCode::InvalidEdit, "a move must name the new parent by its path");
@@ -80,7 +82,9 @@ public:
         if (elements->size() != parent->size() + 1 || elements->back().list != list())
             return fail(ErrorCode::InvalidPath,
                         inQuotes(move.name) + " is not a valid name for a spec");
-        return moveTo(target, TfToken(move.name));
+        auto moved = moveTo(target, TfToken(move.name));
+        if (move.place) return {};  // another spec or the lack of a parent can be in its way
+        return moved;
     }
 
     Result<void> operator()(const PlaceSpec& place) {
@@ -311,6 +315,12 @@ SdfLayerStore::~SdfLayerStore() {
     // recurses endlessly.
     if (layer && get_pointer(layer->GetStateDelegate()) == get_pointer(delegate_))
         layer->SetStateDelegate(delegate_->previous);
+}
+
+void SdfLayerStore::placeMoved(const pxr::SdfLayerHandle& layer, const SdfPath& from,
+                               const SdfPath& to) {
+    const auto delegate = layer->GetStateDelegate();
+    if (auto* own = dynamic_cast<Delegate*>(pxr::get_pointer(delegate))) own->placeMoved(from, to);
 }
 
 const pxr::SdfLayerHandle& SdfLayerStore::layer() const { return delegate_->layer(); }

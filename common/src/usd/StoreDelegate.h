@@ -163,6 +163,10 @@ public:
     bool filled = false;                            ///< the content is not that of the layer's file
     pxr::SdfLayerStateDelegateBaseRefPtr previous;  ///< the layer's former delegate
 
+    void placeMoved(const pxr::SdfPath& from, const pxr::SdfPath& to) {
+        if (LayerWriteObserver* observer = observerOf(from)) observer->placeMoved(from, to);
+    }
+
 protected:
     using Base = pxr::SdfSimpleLayerStateDelegate;
     using Path = pxr::SdfPath;

@@ -52,14 +52,12 @@ std::vector<NamespaceChange> namespaceChanges(Revision revision,
                                               const std::vector<ExecutedEdit>& edits) {
     std::vector<NamespaceChange> changes;
     for (const auto& [edit, applied] : edits) {
+        if (!changesNamespace(edit)) continue;
         const std::string& path = edit.address.path;
-        if (!applied.changed) continue;
-        if (std::holds_alternative<DeleteSpec>(edit.action))
-            changes.push_back({revision, edit.layer, path, std::nullopt});
-        else if (const auto* move = std::get_if<MoveSpec>(&edit.action))
-            changes.push_back(
-                {revision, edit.layer, path,
-                 specpath::child(move->parent.path, specpath::last(path).list, move->name)});
+        const auto* move = std::get_if<MoveSpec>(&edit.action);
+        changes.push_back({revision, edit.layer, path,
+                           move ? std::optional(destination(path, *move)) : std::nullopt,
+                           concernsPlace(edit.action)});
     }
     return changes;
 }

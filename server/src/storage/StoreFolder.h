@@ -15,9 +15,9 @@ namespace usdlive::server {
 /// the folder.
 class StoreFolder {
 public:
-    static constexpr std::uint32_t kFormat = 4;
+    static constexpr std::uint32_t kFormat = 5;
     /// The oldest format that can be read. Format 2 has no base; formats up to 3 have no compressed
-    /// commits.
+    /// commits, up to 4 no edits of places (M15).
     static constexpr std::uint32_t kOldestFormat = 2;
 
     /// Errors: StorageLocked, StorageTooNew, StorageCorrupt (the format is unknown or too old), or

@@ -126,12 +126,19 @@ std::optional<Checkpoint> decodedCheckpoint(std::string_view name, ByteView byte
     return in.finished() ? std::optional(std::move(checkpoint)) : std::nullopt;
 }
 
+namespace {
+
+// Flags of a NamespaceChange.
+constexpr std::uint8_t kHasTo = 1, kIsPlace = 2;
+
+}  // namespace
+
 Bytes encoded(std::span<const NamespaceChange> changes) {
     Bytes bytes;
     for (const NamespaceChange& change : changes) {
         appendText(bytes, change.layer.value);
         appendText(bytes, change.from);
-        appendNumber<std::uint8_t>(bytes, change.to ? 1 : 0);
+        appendNumber<std::uint8_t>(bytes, (change.to ? kHasTo : 0) | (change.place ? kIsPlace : 0));
         if (change.to) appendText(bytes, *change.to);
     }
     return bytes;
@@ -140,7 +147,9 @@ bool decodeInto(std::vector<NamespaceChange>& changes, Revision revision, ByteVi
     ByteReader in(bytes);
     while (in.left() > 0) {
         NamespaceChange change{revision, {std::string(in.text())}, std::string(in.text()), {}};
-        if (in.u8() == 1) change.to = in.text();
+        const std::uint8_t flags = in.u8();
+        if ((flags & kHasTo) != 0) change.to = in.text();
+        change.place = (flags & kIsPlace) != 0;
         changes.push_back(std::move(change));
     }
     return in.finished();

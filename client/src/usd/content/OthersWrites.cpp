@@ -89,7 +89,7 @@ void OthersWrites::note(const Edit& edit, Revision revision) {
     const auto key = keyOf(edit.action);
     if (!key) return;
     if (const auto* move = std::get_if<MoveSpec>(&edit.action)) {
-        const auto to = client::destination(edit.address.path, *move);
+        const auto to = destination(edit.address.path, *move);
         follow(edit.address.path, to);
         noteAt(to, "", revision);
     }
@@ -123,7 +123,7 @@ void OthersWrites::noteAt(const std::string& path, std::string key, Revision rev
 
 void OthersWrites::noteOwn(const Edit& edit, Revision base) {
     if (const auto* move = std::get_if<MoveSpec>(&edit.action))
-        return follow(edit.address.path, client::destination(edit.address.path, *move));
+        return follow(edit.address.path, destination(edit.address.path, *move));
     const auto key = keyOf(edit.action);
     const auto spec = specs_.find(edit.address.path);
     // Creating a spec that exists changes nothing (M2).

@@ -9,10 +9,12 @@
 #include <optional>
 #include <ranges>
 #include <set>
+#include <tuple>
 #include <unordered_set>
 
 #include "RecordContent.h"
 #include "SpecMoves.h"
+#include "usdlive/common/usd/SdfLayerStore.h"
 
 namespace usdlive::naming {
 
@@ -39,6 +41,17 @@ pxr::SdfPathSet pathsBefore(const std::vector<PathMap>& steps, std::size_t count
 
 }  // namespace
 
+// Calls `visit` with each move of the objects of a plan in each layer of their stages, once.
+template <class Visit>
+static void forEachPlace(const Changes::Objects& plan, const Visit& visit) {
+    std::set<std::tuple<SdfLayerHandle, SdfPath, SdfPath>> visited;
+    for (std::size_t stage = 0; stage < plan.moves.size(); ++stage)
+        for (const auto& layer : plan.localLayers[stage])
+            for (const auto& [from, to] : plan.moves[stage])
+                if (layer->PermissionToEdit() && visited.emplace(layer, from, to).second)
+                    visit(layer, from, to);
+}
+
 std::vector<SdfLayerRefPtr> Changes::layers() const {
     std::set<SdfLayerRefPtr> layers;
     for (const auto& step : steps)
@@ -49,10 +62,27 @@ std::vector<SdfLayerRefPtr> Changes::layers() const {
     return {layers.begin(), layers.end()};
 }
 
+void Changes::notePlaces(std::size_t step) const {
+    for (const auto& plan : objects)
+        if (plan.madeWith == step) forEachPlace(plan, usd::SdfLayerStore::placeMoved);
+}
+
+void Changes::notePlacesBack(std::size_t step,
+                             const std::function<bool(std::size_t)>& isUndone) const {
+    const auto moveBack = [](const SdfLayerHandle& layer, const SdfPath& from, const SdfPath& to) {
+        if (!to.IsEmpty()) usd::SdfLayerStore::placeMoved(layer, to, from);
+    };
+    for (std::size_t number = objects.size(); number-- > 0;)
+        if (objects[number].madeWith == step && isUndone(number))
+            forEachPlace(objects[number], moveBack);
+}
+
 Application::Application(const std::vector<Plan>& plans, PathIndex& index) {
     changes_.steps = inSteps(plans);
     collectPlanned(plans);
     collectPathFields(plans, index);
+    for (std::size_t step = 0; step < changes_.steps.size(); ++step)
+        for (const auto& edit : changes_.steps[step]) changes_.objects[edit.plan].madeWith = step;
     checkPermissions();
 }
 
@@ -193,6 +223,7 @@ Result<void> Application::makeStep(std::size_t step, NamespaceRecord::Content& c
             refused = "@" + layer->GetIdentifier() + "@ refuses to move its specs";
             break;
         }
+    if (refused.empty() && mark.IsClean()) changes_.notePlaces(step);
     if (refused.empty() && mark.IsClean() && step + 1 == changes_.steps.size()) writeFields();
     if (refused.empty() && mark.IsClean()) return {};
     if (!mark.IsClean()) refused += (refused.empty() ? "" : ": ") + mark.begin()->GetCommentary();

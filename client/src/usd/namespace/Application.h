@@ -4,6 +4,7 @@
 
 #include <pxr/usd/sdf/layer.h>
 
+#include <functional>
 #include <map>
 #include <string>
 #include <utility>
@@ -31,7 +32,8 @@ struct Changes {
         std::vector<PathMoves> moves;  ///< for each stage
         std::vector<pxr::SdfLayerHandleVector> localLayers;
         bool hasRelocates = false;
-        std::size_t step = 0;  ///< objects of later steps name paths after this one
+        std::size_t step = 0;      ///< objects of later steps name paths after this one
+        std::size_t madeWith = 0;  ///< the last step that moves specs of this plan
     };
 
     std::vector<Step> steps;
@@ -39,6 +41,10 @@ struct Changes {
     std::vector<Objects> objects;                                  ///< for each plan
 
     [[nodiscard]] std::vector<pxr::SdfLayerRefPtr> layers() const;
+    /// Tells the live layers of the stages which objects a step has moved or deleted (M15).
+    void notePlaces(std::size_t step) const;
+    /// Tells them that the moves of a step were undone, for the plans for which `isUndone` is true.
+    void notePlacesBack(std::size_t step, const std::function<bool(std::size_t)>& isUndone) const;
 };
 
 /// All changes of a batch, as they are made in the layers.

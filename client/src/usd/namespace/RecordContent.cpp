@@ -168,6 +168,7 @@ void NamespaceRecord::Content::undoMoves(std::size_t step, Kept& kept) {
     for (const auto& [layer, path] : restored)
         if (const auto copy = done_[step].deleted.find(layer); copy != done_[step].deleted.end())
             pxr::SdfCopySpec(copy->second, path, layer, path);
+    changes_.notePlacesBack(step, [&](std::size_t plan) { return !stays_.contains(plan); });
 }
 
 // Relocates move objects, too. If they stay, so does what refers to the objects.

@@ -19,15 +19,9 @@ void forEachCreation(const Transaction& transaction,
         if (edit.address.creation) visit(*edit.address.creation);
         const auto* move = std::get_if<MoveSpec>(&edit.action);
         if (move && move->parent.creation) visit(*move->parent.creation);
+        for (const Address& name : edit.names)
+            if (name.creation) visit(*name.creation);
     }
-}
-
-/// Returns whether an executed edit is recorded in the NamespaceLog.
-bool changesNamespace(const Edit& edit) {
-    if (std::holds_alternative<DeleteSpec>(edit.action)) return true;
-    const auto* move = std::get_if<MoveSpec>(&edit.action);
-    return move && specpath::child(move->parent.path, specpath::last(edit.address.path).list,
-                                   move->name) != edit.address.path;
 }
 
 bool isTrue(const std::variant<bool, Refused>& ready) {
@@ -124,18 +118,8 @@ void Prerequisites::addCreations(Author& author, std::uint64_t sequence,
                                  const StoredCommit& stored) {
     const auto decoded = decodeCommit(stored);
     if (!decoded) return;
-    const Commit& commit = *decoded;
-    std::uint64_t mark = line_->namespaces().markBefore(commit.revision);
-    auto dropped = commit.dropped.begin();
-    std::uint32_t index = 0;  // index of the edit in the transaction
-    for (const Edit& edit : commit.edits) {
-        for (; dropped != commit.dropped.end() && dropped->index == index; ++dropped) ++index;
-        if (changesNamespace(edit)) ++mark;
-        if (std::holds_alternative<CreateSpec>(edit.action))
-            author.creations.record({sequence, index}, {edit.layer, edit.address.path, mark},
-                                    commit.revision);
-        ++index;
-    }
+    for (auto& [index, entry] : createdBy(line_->namespaces(), *decoded))
+        author.creations.record({sequence, index}, std::move(entry), decoded->revision);
 }
 
 }  // namespace usdlive::server

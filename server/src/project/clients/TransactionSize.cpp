@@ -41,10 +41,12 @@ std::size_t expandedBytes(const OwnCreations& creations, const Transaction& tran
         const Edit& edit = transaction.edits[index];
         const std::size_t base = edit.address.creation ? lengthOf(*edit.address.creation) : 0;
         expanded += base;
-        if (std::holds_alternative<CreateSpec>(edit.action))
+        if (std::holds_alternative<CreateSpec>(edit.action) || concernsPlace(edit.action))
             own[std::uint32_t(index)] = base + edit.address.path.size();
         const auto* move = std::get_if<MoveSpec>(&edit.action);
         if (move && move->parent.creation) expanded += lengthOf(*move->parent.creation);
+        for (const Address& name : edit.names)
+            expanded += name.path.size() + (name.creation ? lengthOf(*name.creation) : 0);
     }
     return expanded;
 }

@@ -10,12 +10,43 @@
 
 namespace usdlive::server {
 
+namespace {
+
+// Returns the moves and deletes over which addresses are carried forward (M3).
+NamespaceLog namespacesOf(const HistoryLine::Start& start) {
+    NamespaceLog log;
+    log.prune(start.oldestNamespace);
+    log.forgetNamings(start.head.revision);
+    for (const auto& [revision, layer, from, to, place] : start.namespaceChanges) {
+        if (revision <= start.oldestNamespace || revision > start.head.revision) continue;
+        const auto what = place ? NamespaceLog::Of::Place : NamespaceLog::Of::Spec;
+        if (to)
+            log.recordMove(revision, layer, from, *to, what);
+        else
+            log.recordDelete(revision, layer, from, what);
+    }
+    return log;
+}
+
+// M17: returns the first commit that the author of a delete had not seen; 0: there is none.
+Revision firstUnseen(const Transaction& transaction, const std::vector<ExecutedEdit>& edits,
+                     Revision revision) {
+    const bool isOwn = transaction.id.sequence == 0;  // the server's, which has seen everything
+    const Revision first = (transaction.seen == 0 ? transaction.base : transaction.seen) + 1;
+    const auto deletes = [](const ExecutedEdit& done) {
+        return std::holds_alternative<DeleteSpec>(done.edit.action) && done.applied.changed;
+    };
+    return !isOwn && first < revision && std::ranges::any_of(edits, deletes) ? first : 0;
+}
+
+}  // namespace
+
 HistoryLine::HistoryLine(const Limits& limits, Start start, ports::CommitLog& log, TimeOfDay& time)
     : limits_(limits),
       log_(log),
       time_(time),
       docs_(std::move(start.docs)),
-      namespaces_(start.oldestNamespace, start.head.revision, start.namespaceChanges),
+      namespaces_(namespacesOf(start)),
       epoch_(start.head.epoch),
       first_(start.head.revision),
       executed_(start.head.revision),
@@ -54,8 +85,8 @@ std::variant<Revision, Refused> HistoryLine::commit(const Submission& submission
             before.try_emplace(edit.layer, docs_.at(edit.layer));
 
     creations.seen(transaction.base);
-    const std::uint64_t mark = namespaces_.log().mark();
-    Outcome outcome = execute(docs_, namespaces_.log(), creations, transaction, executed_ + 1);
+    const std::uint64_t mark = namespaces_.mark();
+    Outcome outcome = execute(docs_, namespaces_, creations, transaction, executed_ + 1);
     if (auto* refused = std::get_if<Refused>(&outcome)) return std::move(*refused);
     auto& executed = std::get<Executed>(outcome);
     auto refused = submission.check ? submission.check(executed, before) : std::nullopt;
@@ -77,8 +108,8 @@ std::variant<Revision, Refused> HistoryLine::commit(const Submission& submission
 Result<Revision> HistoryLine::commitInOrder(OwnEdits own) {
     LayerDocs before;
     for (const Edit& edit : own.edits) before.try_emplace(edit.layer, docs_.at(edit.layer));
-    const std::uint64_t mark = namespaces_.log().mark();
-    auto executed = executeInOrder(docs_, namespaces_.log(), std::move(own.edits), executed_ + 1);
+    const std::uint64_t mark = namespaces_.mark();
+    auto executed = executeInOrder(docs_, namespaces_, std::move(own.edits), executed_ + 1);
     if (!executed) return tl::unexpected(executed.error());
     const auto refused = own.check ? own.check(*executed, before) : std::nullopt;
     if (refused) {
@@ -106,7 +137,7 @@ Revision HistoryLine::commitImport(Import import) {
     record.layers = made.layers = {import.layer};
     made.edits = import.frame.edits;
     made.blobs = std::move(import.blobs);
-    made.mark = namespaces_.log().mark();
+    made.mark = namespaces_.mark();
 
     CommitFrame stub;
     stub.commit = {made.revision, epoch_, {}, {},           commitTimeMs(), 0,
@@ -145,6 +176,7 @@ std::optional<HistoryLine::Made> HistoryLine::make(const Transaction& transactio
                   {},
                   std::move(executed.dropped),
                   executedHash_};
+    commit.firstUnseen = firstUnseen(transaction, executed.edits, made.revision);
     const auto addBlob = [&](const Value& blob) { made.blobs.push_back(blob.hash()); };
     for (const DroppedEdit& dropped : commit.dropped) forEachBlob(dropped.edit.action, addBlob);
     commit.edits.reserve(executed.edits.size());
@@ -162,10 +194,9 @@ std::optional<HistoryLine::Made> HistoryLine::make(const Transaction& transactio
     if (commit.dropped.empty() && commit.edits == transaction.edits)
         made.acceptance = Acceptance{made.revision, epoch_,        made.id.sequence,
                                      commit.timeMs, executedHash_, made.hash};
-    if (mayBeCompact(commit.edits) && !isInParts(*record.frame))
+    if (commit.firstUnseen == 0 && mayBeCompact(commit.edits) && !isInParts(*record.frame))
         made.content =
             std::make_shared<const CompactCommit>(CompactCommit{std::move(commit), made.hash});
-    namespaces_.executed(made.revision);
     return std::pair(std::move(made), std::move(record));
 }
 

@@ -13,7 +13,6 @@
 #include "Wiring.h"
 #include "lines/CommitFrames.h"
 #include "lines/LineListener.h"
-#include "lines/NamespaceHistory.h"
 #include "lines/TimeOfDay.h"
 #include "usdlive/common/layer/TransactionExecutor.h"
 #include "usdlive/server/project/CommitStore.h"
@@ -111,7 +110,7 @@ public:
     [[nodiscard]] const Hash& durableHash() const { return durableHash_; }
     /// Returns the newest durable revision at the time when the object was created.
     [[nodiscard]] Revision first() const { return first_; }
-    [[nodiscard]] const NamespaceHistory& namespaces() const { return namespaces_; }
+    [[nodiscard]] const NamespaceLog& namespaces() const { return namespaces_; }
     [[nodiscard]] const CommitLimits& limits() const { return limits_.commits; }
     /// Returns whether a commit that is not durable yet changes the layer's custom layer data.
     [[nodiscard]] bool isLayerDataInFlight(const LayerId& layer) const;
@@ -132,7 +131,7 @@ private:
     Listeners<LineListener> listeners_;
 
     LayerDocs docs_;
-    NamespaceHistory namespaces_;
+    NamespaceLog namespaces_;
     Epoch epoch_;
     Revision first_;
     Revision executed_;

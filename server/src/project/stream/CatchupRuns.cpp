@@ -97,7 +97,7 @@ std::optional<CommitFrame> Catchup::conflatable(const Stream& stream, const Stor
     auto frame = decodeFrame(withoutLength(*stored.frame));
     auto* found = frame ? std::get_if<CommitFrame>(&*frame) : nullptr;
     if (!found || found->commit.imported || found->commit.gesture != 0 ||
-        found->commit.id.client == stream.client)
+        found->commit.firstUnseen != 0 || found->commit.id.client == stream.client)
         return std::nullopt;
     return std::move(*found);
 }

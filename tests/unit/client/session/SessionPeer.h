@@ -100,7 +100,12 @@ public:
                       .edits = {},
                       .dropped = executed->dropped,
                       .previous = hashAt(head())};
-        for (const auto& edit : executed->edits) commit.edits.push_back(edit.edit);
+        const Revision seen = transaction.seen == 0 ? transaction.base : transaction.seen;
+        for (const auto& edit : executed->edits) {
+            commit.edits.push_back(edit.edit);
+            if (std::holds_alternative<DeleteSpec>(edit.edit.action) && seen < head())
+                commit.firstUnseen = seen + 1;  // M17
+        }
         Bytes frame = encodeFrame(CommitFrame{commit});
         const Hash hash = chainHash(commit.previous, ByteView(frame).subspan(4));
         history.emplace_back(std::move(frame), hash);

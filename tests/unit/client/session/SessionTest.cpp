@@ -586,6 +586,74 @@ TEST_F(SessionTest, M4WorkOnADeletedSpecComesBack) {
     EXPECT_TRUE(peer.agrees());
 }
 
+TEST_F(SessionTest, M15AMoveOfASpecAndALaterOneOfAPlaceAreTwo) {
+    joinShot();
+    peer.author({authored("/A", moveTo("/", "B"))});  // the object is still at /A
+    peer.advance();
+    (void)peer.takeTransaction();
+    const auto place = [](const char* from, const char* to) {
+        return authored(from, MoveSpec{{"/", {}}, to, true});
+    };
+    peer.author({authored("/B", moveTo("/", "Third")), place("/B", "Third"), place("/A", "B"),
+                 authored("/Third", moveTo("/", "A")), place("/Third", "A")});
+    peer.advance();
+    const Transaction swap = peer.takeTransaction();
+    ASSERT_EQ(swap.edits.size(), 5u);
+    EXPECT_EQ(swap.edits[1].address, (Address{"/B", {}}));
+    EXPECT_EQ(swap.edits[2].address, (Address{"/A", {}}));
+    EXPECT_EQ(swap.edits[4].address, (Address{"/B", {}}));
+}
+
+TEST_F(SessionTest, M17WorkThatIsDeletedUnseenIsReported) {
+    joinShot();
+    Transaction deletes = peer.foreign({edit("/B", DeleteSpec{})});
+    deletes.base = deletes.seen = peer.head();
+    peer.author({authored("/A", setText("comment", "stays")), authored("/A/C", createPrim()),
+                 authored("/A/C", setText("comment", "mine"))});
+    peer.advance();
+    peer.commitAndTell(peer.takeTransaction());
+    authorComment("/A/C", "again");
+    const Transaction last = peer.takeTransaction();
+    peer.commitAndTell(last);
+    peer.advance();
+    peer.commitAndTell(peer.foreign({edit("/A/C", moveTo("/", "B"))}));
+    deletes.base = peer.head();  // the address is renewed when it is sent, and `seen` stays
+    peer.commitAndTell(deletes);
+    peer.advance();
+    const auto lost = peer.eventsOf<event::Lost>();
+    ASSERT_EQ(lost.size(), 1u);
+    EXPECT_EQ(lost[0].work.reason.code, ErrorCode::DeletedUnseen);
+    EXPECT_FALSE(lost[0].work.refused);
+    EXPECT_EQ(lost[0].work.sequence, last.id.sequence);
+    ASSERT_EQ(lost[0].work.edits.size(), 3u);
+    EXPECT_EQ(lost[0].work.edits[0].path, "/A/C");
+    EXPECT_EQ(lost[0].work.edits[0].action, EditAction(createPrim()));
+    EXPECT_EQ(lost[0].work.edits[1].action, EditAction(setText("comment", "mine")));
+    EXPECT_TRUE(peer.agrees());
+}
+
+TEST_F(SessionTest, M17ADeleteThatHasSeenTheWorkIsNotReported) {
+    joinShot();
+    authorComment("/A", "mine");
+    peer.commitAndTell(peer.takeTransaction());
+    peer.commitAndTell(peer.foreign({edit("/A", DeleteSpec{})}));
+    peer.advance();
+    EXPECT_TRUE(peer.eventsOf<event::Lost>().empty());
+}
+
+TEST_F(SessionTest, M17ADeleteSaysWhatItsAuthorHadSeenAlsoIfItIsSentLater) {
+    joinShot();
+    const Revision seen = peer.head();
+    peer.session.disconnected({ErrorCode::NotConnected, "gone"});
+    peer.author({authored("/A", DeleteSpec{})});
+    peer.commit(peer.foreign({edit("/A", setText("comment", "theirs"))}));
+    (void)peer.connect();
+    peer.advance();
+    const Transaction deletes = peer.takeTransaction();
+    EXPECT_EQ(deletes.seen, seen);
+    EXPECT_GT(deletes.base, seen);
+}
+
 TEST_F(SessionTest, M6ARefusedTransactionIsUndoneAndLaterOnesStay) {
     joinShot();
     peer.author({authored("/B", createPrim())});

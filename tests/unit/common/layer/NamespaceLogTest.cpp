@@ -4,6 +4,7 @@
 #include <array>
 
 #include "RandomEdits.h"
+#include "usdlive/common/layer/AddressResolver.h"
 #include "usdlive/common/layer/TransactionExecutor.h"
 
 using namespace usdlive;

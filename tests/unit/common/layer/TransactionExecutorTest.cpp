@@ -7,6 +7,7 @@
 #include <set>
 
 #include "RandomEdits.h"
+#include "usdlive/common/layer/AddressResolver.h"
 
 using namespace usdlive;
 

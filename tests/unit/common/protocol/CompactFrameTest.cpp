@@ -89,6 +89,19 @@ TEST(CompactFrame, OtherFramesAreNotCompact) {
         EXPECT_FALSE(isCompact(contentOf(encodeFrame(frame))));
 }
 
+TEST(CompactFrame, WhatAnAuthorHadSeenIsCompactOnlyIfItIsTheBase) {
+    NameNumbers names;
+    CompactCommit commit{sampleCommit(), {}};
+    EXPECT_TRUE(encodeCompact(commit, names));
+    commit.commit.firstUnseen = 8;
+    EXPECT_FALSE(encodeCompact(commit, names));
+    Transaction transaction{{{}, 1}, 5, 0, everyKindOfEdit()};
+    transaction.seen = 5;
+    EXPECT_TRUE(encodeCompact(transaction, names));
+    transaction.seen = 4;
+    EXPECT_FALSE(encodeCompact(transaction, names));
+}
+
 TEST(CompactFrame, ATransformIsSmall) {
     Line line;
     CompactCommit commit{sampleCommit(), {}};

@@ -117,6 +117,14 @@ TEST(Frame, CH1TheChainHashCoversTheFrameAndTheHashBefore) {
     EXPECT_NE(chainHash(hash, withoutLength(bytes)), hash);
 }
 
+TEST(Frame, M17ACommitSaysWhatItsAuthorHadNotSeen) {
+    CommitFrame frame{sampleCommit()};
+    frame.commit.firstUnseen = frame.commit.revision - 1;
+    EXPECT_EQ(decodeFrame(withoutLength(encodeFrame(frame))), Frame(frame));
+    frame.commit.firstUnseen = frame.commit.revision;
+    EXPECT_FALSE(decodeFrame(withoutLength(encodeFrame(frame))));
+}
+
 TEST(Frame, AsManyEditsAsAFrameHoldsPass) {
     SubmitFrame frame{{{{"client"}, 1}, 0, 0, {}}};
     for (int number = 0; number < 700'000; ++number)

@@ -91,7 +91,7 @@ TEST_F(ProjectCompact, FR11TheAuthorGetsWhatItDidNotSend) {
     const auto moved = std::get<CompactCommit>(take(kAuthor)).commit;
     EXPECT_EQ(moved.id.sequence, 2u);
     EXPECT_EQ(moved.edits.at(0).address.path, "/C.x");
-    (void)take(kAuthor);
+    EXPECT_EQ(world.nextFrame<CommitFrame>(kAuthor).commit.firstUnseen, 2u) << "M17: not compact";
     const auto dropped = std::get<CompactCommit>(take(kAuthor)).commit;
     EXPECT_EQ(dropped.id.sequence, 3u);
     EXPECT_EQ(dropped.dropped.size(), 1u);

@@ -107,6 +107,18 @@ TEST_F(ProjectTransactions, M4AnEditOfADeletedSpecIsDroppedAndReported) {
     EXPECT_EQ(world.project->counters().dropped, 1u);
 }
 
+TEST_F(ProjectTransactions, M17ADeleteSaysWhatItsAuthorHadNotSeen) {
+    const auto firstUnseen = [&](std::uint64_t sequence, std::vector<Edit> edits) {
+        world.submit(1, sequence, std::move(edits));
+        world.store();
+        return world.nextFrame<CommitFrame>(2).commit.firstUnseen;
+    };
+    EXPECT_EQ(firstUnseen(1, {create("/C")}), 0u);
+    EXPECT_EQ(firstUnseen(2, {set("/A.x", 7)}), 0u) << "it deletes nothing";
+    EXPECT_EQ(firstUnseen(3, {erase("/A")}), 1u);
+    EXPECT_EQ(firstUnseen(4, {erase("/A")}), 0u) << "it is dropped";
+}
+
 TEST_F(ProjectTransactions, M6ARefusalChangesNothing) {
     world.submit(1, 1, {create("/C"), move("/A", "/", "B")});
     expectRefusal(1, 1, ErrorCode::SpecExists);

@@ -539,7 +539,7 @@ TEST(RocksCommitStore, BigCommitsAreStoredCompressed) {
 
 TEST(RocksCommitStore, AnUnknownFormatIsNotTouched) {
     const std::map<std::uint8_t, ErrorCode> formats{{std::uint8_t(1), ErrorCode::StorageCorrupt},
-                                                    {std::uint8_t(5), ErrorCode::StorageTooNew}};
+                                                    {std::uint8_t(6), ErrorCode::StorageTooNew}};
     for (const auto& [format, code] : formats) {
         TestFolder folder;
         (void)open(folder.path);

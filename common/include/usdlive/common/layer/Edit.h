@@ -74,15 +74,20 @@ struct CreateSpec {
     SpecKind kind = SpecKind::Prim;
     bool operator==(const CreateSpec&) const = default;
 };
-/// ED2: deletes a spec and everything below it.
+/// ED2: deletes a spec and everything below it. With `place`, the author has deleted the object of
+/// a stage at this place: no spec has to be there, and addresses and values of others that name the
+/// place mean the deleted object (M15).
 struct DeleteSpec {
+    bool place = false;
     bool operator==(const DeleteSpec&) const = default;
 };
 /// ED3: moves a spec and everything below it. A rename keeps its place in the list; under a new
-/// parent it becomes the last.
+/// parent it becomes the last. With `place`, the author has moved the object of a stage at this
+/// place: no spec has to be there, nor at the new parent.
 struct MoveSpec {
-    Address parent;    ///< the new parent
-    std::string name;  ///< the new name
+    Address parent;      ///< the new parent
+    std::string name;    ///< the new name
+    bool place = false;  ///< M15
     bool operator==(const MoveSpec&) const = default;
 };
 /// ED4: moves a spec within its list: before the sibling `before`, or to the end if there is none.
@@ -115,6 +120,10 @@ struct Edit {
     LayerId layer;
     Address address;
     EditAction action;
+    /// M15: what the paths in the values of `action` name, in the order of forEachPath(). Empty:
+    /// they are paths at the base revision, as addresses. An empty address is a path that names
+    /// nothing else. Never in a commit.
+    std::vector<Address> names = {};
     bool operator==(const Edit&) const = default;
 };
 
@@ -131,8 +140,19 @@ struct Transaction {
     Revision base = 0;          ///< the revision that the addresses refer to
     std::uint64_t gesture = 0;  ///< the gesture that this transaction ends (M11); 0: none
     std::vector<Edit> edits;
+    /// M16: the newest revision that the author had seen; 0: `base`.
+    Revision seen = 0;
     bool operator==(const Transaction&) const = default;
 };
+
+/// Returns whether the action moves or deletes the object of a stage at a place (M15).
+[[nodiscard]] bool concernsPlace(const EditAction& action);
+/// Returns the path to which a move takes the spec at `path`. The new parent is named by its path.
+[[nodiscard]] std::string destination(std::string_view path, const MoveSpec& move);
+/// Returns a move of the object at a place that leaves it where it is: one without effect (M15).
+[[nodiscard]] MoveSpec stayingAt(std::string_view path);
+/// Returns whether an executed edit moved or deleted a spec or an object.
+[[nodiscard]] bool changesNamespace(const Edit& executed);
 
 /// M4: an edit whose spec was deleted before. `edit` is as submitted.
 struct DroppedEdit {
@@ -161,6 +181,9 @@ struct Commit {
     /// written again (CF1); `previous` is then that of the first of them. Set only in messages to
     /// sessions that have fallen behind, never in the history.
     Revision conflated = 0;
+    /// M17: in a commit that deletes specs, the first earlier commit that its author had not seen;
+    /// 0: the author had seen all of them.
+    Revision firstUnseen = 0;
     bool operator==(const Commit&) const = default;
 };
 

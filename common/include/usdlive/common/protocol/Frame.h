@@ -13,8 +13,8 @@
 namespace usdlive {
 
 /// PR1: the protocol versions that this build speaks.
-inline constexpr int kProtocolVersion = 1;
-inline constexpr int kOldestProtocolVersion = 1;
+inline constexpr int kProtocolVersion = 2;
+inline constexpr int kOldestProtocolVersion = 2;
 
 /// FR2: the largest frame unless configured otherwise, in bytes.
 inline constexpr std::size_t kMaxFrameBytes = 64 * 1024 * 1024;

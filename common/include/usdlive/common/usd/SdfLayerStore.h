@@ -40,6 +40,8 @@ public:
     /// timeSampleChanged() follows.
     virtual void arrayWritten(const pxr::SdfPath& /*path*/, const pxr::TfToken& /*field*/,
                               std::optional<double> /*time*/, const pxr::VtValue& /*array*/) {}
+    /// Called by SdfLayerStore::placeMoved(). `to` is empty if the object was deleted.
+    virtual void placeMoved(const pxr::SdfPath& /*from*/, const pxr::SdfPath& /*to*/) {}
     /// A field that names value clips is written, or a key of it with this value. fieldChanged() or
     /// dictionaryKeyChanged() follows.
     virtual void clipsWritten(const pxr::VtValue& /*value*/) {}
@@ -80,6 +82,12 @@ public:
     SdfLayerStore& operator=(const SdfLayerStore&) = delete;
 
     [[nodiscard]] const pxr::SdfLayerHandle& layer() const;
+
+    /// Tells the observer of a layer that the editor has moved the object of a stage at this place,
+    /// or deleted it if `to` is empty (M15). Call it in the change block and after the changes of
+    /// the layer itself. Does nothing for a layer without a store.
+    static void placeMoved(const pxr::SdfLayerHandle& layer, const pxr::SdfPath& from,
+                           const pxr::SdfPath& to);
 
     /// Applies one edit with an absolute path. If the blob of a field is missing, the field stays
     /// as it is until blobArrived(). Errors are those of LayerDoc::apply(), and InvalidPath or

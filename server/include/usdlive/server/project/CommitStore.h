@@ -20,13 +20,14 @@
 
 namespace usdlive::server {
 
-/// A move or delete of a spec that a commit made. The store keeps it so that addresses can be
-/// carried forward over it (M3), also after the server was restarted.
+/// A move or delete of a spec, or of what is at a place (M15), that a commit made. The store keeps
+/// it so that addresses can be carried forward over it (M3), also after the server was restarted.
 struct NamespaceChange {
     Revision revision = 0;
     LayerId layer;
     std::string from;               ///< the spec's path before the commit
     std::optional<std::string> to;  ///< the path after it; nothing: the spec was deleted
+    bool place = false;
     bool operator==(const NamespaceChange&) const = default;
 };
 

@@ -1,0 +1,74 @@
+// Follows own committed work through moves, and finds what a delete has taken.
+#include "session/CommittedWork.h"
+
+#include <algorithm>
+#include <utility>
+
+namespace usdlive::client {
+
+void CommittedWork::add(const NamespaceLog& log, const Commit& commit, Pending pending) {
+    Work work{commit.revision, commit.id.sequence, pending.sentBytes, {}};
+    if (pending.authored.size() > kMostEdits || work.bytes > kMostBytes) return;
+    std::uint64_t mark = log.markAfter(commit.revision - 1);
+    auto dropped = commit.dropped.begin();
+    std::size_t index = 0;
+    for (const Edit& edit : commit.edits) {
+        for (; dropped != commit.dropped.end() && dropped->index == index; ++dropped) ++index;
+        if (index >= pending.authored.size()) break;  // the server has added edits
+        if (log.isEntry(mark, edit)) ++mark;
+        const auto* move = std::get_if<MoveSpec>(&edit.action);
+        const bool writes = !concernsPlace(edit.action) &&
+                            !std::holds_alternative<DeleteSpec>(edit.action) &&
+                            edit.address.path != "/";
+        if (writes)
+            work.edits.push_back({move ? destination(edit.address.path, *move) : edit.address.path,
+                                  mark, std::move(pending.authored[index])});
+        ++index;
+    }
+    if (work.edits.empty()) return;
+    edits_ += work.edits.size();
+    bytes_ += work.bytes;
+    work_.push_back(std::move(work));
+    while (edits_ > kMostEdits || bytes_ > kMostBytes) {
+        edits_ -= work_.front().edits.size();
+        bytes_ -= work_.front().bytes;
+        work_.pop_front();
+    }
+}
+
+void CommittedWork::follow(const NamespaceLog& log) {
+    for (Work& work : work_) {
+        edits_ -= std::erase_if(work.edits, [&](Written& written) {
+            if (written.mark == log.mark()) return false;
+            auto now = log.translateFrom(written.edit.layer, std::move(written.path), written.mark);
+            written.path = now ? *std::move(now) : std::string();
+            written.mark = log.mark();
+            return written.path.empty();
+        });
+    }
+}
+
+std::optional<LostWork> CommittedWork::takenBy(const NamespaceLog& log, const Commit& commit) {
+    if (commit.firstUnseen == 0) return std::nullopt;
+    LostWork lost{
+        .sequence = 0,
+        .gesture = 0,
+        .reason = {ErrorCode::DeletedUnseen, std::string(errorText(ErrorCode::DeletedUnseen)) +
+                                                 " It was " + commit.user.value + "."},
+        .refused = false,
+        .edits = {}};
+    for (Work& work : work_) {
+        if (work.revision < commit.firstUnseen) continue;
+        const auto taken = std::erase_if(work.edits, [&](Written& written) {
+            if (log.translateFrom(written.edit.layer, written.path, written.mark)) return false;
+            lost.edits.push_back(std::move(written.edit));
+            return true;
+        });
+        edits_ -= taken;
+        if (taken > 0) lost.sequence = work.sequence;
+    }
+    if (lost.edits.empty()) return std::nullopt;
+    return lost;
+}
+
+}  // namespace usdlive::client
