@@ -26,9 +26,9 @@ def composed(of):
             for prim in Usd.PrimRange.Stage(of, Usd.PrimAllPrimsPredicate)}
 
 
-def check_stage():
+def check_stage(of=stage):
     """Checks that the content that arrived step by step equals that of a newly opened stage."""
-    here, afresh = composed(stage), composed(Usd.Stage.Open(stage.GetRootLayer()))
+    here, afresh = composed(of), composed(Usd.Stage.Open(of.GetRootLayer()))
     assert here == afresh, [(str(path), here.get(path), afresh.get(path))
                             for path in {*here, *afresh} if here.get(path) != afresh.get(path)]
 
