@@ -47,14 +47,14 @@ def cache(tmp_path, monkeypatch):
 
 def write_package(folder: pathlib.Path, made: pathlib.Path) -> None:
     folder.mkdir()
-    (folder / "prop.usda").write_text(f'#usda 1.0\n(\n    defaultPrim = "Prop"\n    doc = "{made}"\n)\n{PROP}')
+    (folder / "prop.usda").write_text(f'#usda 1.0\n(\n    defaultPrim = "Prop"\n    doc = "{os.urandom(8).hex()}"\n)\n{PROP}')
     assert UsdUtils.CreateNewUsdzPackage(str(folder / "prop.usda"), str(folder / "prop.usdz"))
     os.replace(folder / "prop.usdz", made)
 
 
 def write_cube(made: pathlib.Path) -> None:
-    # Another content in each test: the cache of this process knows no cube that is not fetched.
-    made.write_text(f"# {made}\nv 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3\n")
+    # Another content in each test and run: no cache knows a cube that is not fetched.
+    made.write_text(f"# {os.urandom(8).hex()}\nv 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3\n")
 
 
 def size(stage: Usd.Stage, path: str):
