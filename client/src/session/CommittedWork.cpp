@@ -9,13 +9,8 @@ namespace usdlive::client {
 void CommittedWork::add(const NamespaceLog& log, const Commit& commit, Pending pending) {
     Work work{commit.revision, commit.id.sequence, pending.sentBytes, {}};
     if (pending.authored.size() > kMostEdits || work.bytes > kMostBytes) return;
-    std::uint64_t mark = log.markAfter(commit.revision - 1);
-    auto dropped = commit.dropped.begin();
-    std::size_t index = 0;
-    for (const Edit& edit : commit.edits) {
-        for (; dropped != commit.dropped.end() && dropped->index == index; ++dropped) ++index;
-        if (index >= pending.authored.size()) break;  // the server has added edits
-        if (log.isEntry(mark, edit)) ++mark;
+    forEachExecuted(log, commit, [&](const Edit& edit, std::uint32_t index, std::uint64_t mark) {
+        if (index >= pending.authored.size()) return;  // the server has added it
         const auto* move = std::get_if<MoveSpec>(&edit.action);
         const bool writes = !concernsPlace(edit.action) &&
                             !std::holds_alternative<DeleteSpec>(edit.action) &&
@@ -23,8 +18,7 @@ void CommittedWork::add(const NamespaceLog& log, const Commit& commit, Pending p
         if (writes)
             work.edits.push_back({move ? destination(edit.address.path, *move) : edit.address.path,
                                   mark, std::move(pending.authored[index])});
-        ++index;
-    }
+    });
     if (work.edits.empty()) return;
     edits_ += work.edits.size();
     bytes_ += work.bytes;
@@ -36,9 +30,13 @@ void CommittedWork::add(const NamespaceLog& log, const Commit& commit, Pending p
     }
 }
 
-void CommittedWork::follow(const NamespaceLog& log) {
-    for (Work& work : work_) {
-        edits_ -= std::erase_if(work.edits, [&](Written& written) {
+std::deque<CommittedWork::Work>::iterator CommittedWork::from(Revision first) {
+    return std::ranges::lower_bound(work_, first, {}, &Work::revision);
+}
+
+void CommittedWork::follow(const NamespaceLog& log, Revision first) {
+    for (auto work = from(first); work != work_.end(); ++work) {
+        edits_ -= std::erase_if(work->edits, [&](Written& written) {
             if (written.mark == log.mark()) return false;
             auto now = log.translateFrom(written.edit.layer, std::move(written.path), written.mark);
             written.path = now ? *std::move(now) : std::string();
@@ -57,15 +55,14 @@ std::optional<LostWork> CommittedWork::takenBy(const NamespaceLog& log, const Co
                                                  " It was " + commit.user.value + "."},
         .refused = false,
         .edits = {}};
-    for (Work& work : work_) {
-        if (work.revision < commit.firstUnseen) continue;
-        const auto taken = std::erase_if(work.edits, [&](Written& written) {
+    for (auto work = from(commit.firstUnseen); work != work_.end(); ++work) {
+        const auto taken = std::erase_if(work->edits, [&](Written& written) {
             if (log.translateFrom(written.edit.layer, written.path, written.mark)) return false;
             lost.edits.push_back(std::move(written.edit));
             return true;
         });
         edits_ -= taken;
-        if (taken > 0) lost.sequence = work.sequence;
+        if (taken > 0) lost.sequence = work->sequence;
     }
     if (lost.edits.empty()) return std::nullopt;
     return lost;

@@ -23,11 +23,12 @@ public:
 
     /// `log` has the moves of the commit.
     void add(const NamespaceLog& log, const Commit& commit, Pending pending);
-    /// Follows the moves and deletes in `log`. Call it before the log is pruned.
-    void follow(const NamespaceLog& log);
+    /// Follows the moves and deletes in `log` with the work from revision `first` on. Call it for
+    /// all work before the log is pruned.
+    void follow(const NamespaceLog& log, Revision first = 0);
     /// Returns, and forgets, what a commit that deletes specs has taken although its author had not
-    /// seen it. Its number is that of the last transaction. Call follow() before the commit is
-    /// applied, and this function afterwards.
+    /// seen it. Its number is that of the last transaction. Call follow() with what it had not seen
+    /// before the commit is applied, and this function afterwards.
     [[nodiscard]] std::optional<LostWork> takenBy(const NamespaceLog& log, const Commit& commit);
     void clear() { *this = {}; }
 
@@ -44,7 +45,9 @@ private:
         std::vector<Written> edits;
     };
 
-    std::deque<Work> work_;
+    [[nodiscard]] std::deque<Work>::iterator from(Revision first);
+
+    std::deque<Work> work_;  // in the order of revisions
     std::size_t edits_ = 0, bytes_ = 0;
 };
 

@@ -53,7 +53,7 @@ struct Pending {
 /// Returns the revision since which moves (M3), and what others have named (M16), are needed to
 /// execute a transaction.
 [[nodiscard]] inline Revision neededSince(const Transaction& transaction) {
-    return transaction.seen == 0 ? transaction.base : std::min(transaction.base, transaction.seen);
+    return std::min(transaction.base, newestSeen(transaction));
 }
 
 /// Returns whether both set the same register, so that only the later one has an effect. False for

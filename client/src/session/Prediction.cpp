@@ -244,11 +244,10 @@ Prediction::Landed Prediction::execute(const Transaction& transaction, bool own,
     Executed& executed = std::get<Executed>(outcome);
     landed.prognosis.complete = executed.dropped.empty();
     landed.prognosis.names = names_.mark();
-    auto dropped = executed.dropped.begin();
-    std::uint32_t index = 0;
-    for (ExecutedEdit& done : executed.edits) {
-        for (; dropped != executed.dropped.end() && dropped->index == index; ++dropped) ++index;
-        const std::size_t number = std::size_t(&done - executed.edits.data());
+    SubmittedIndexes indexes(executed.dropped);
+    for (std::size_t number = 0; number < executed.edits.size(); ++number) {
+        ExecutedEdit& done = executed.edits[number];
+        const std::uint32_t index = indexes.next();
         std::optional<Creation> creation;
         if (own && index < transaction.edits.size())
             creation = Creation{transaction.id.sequence, index};
@@ -265,7 +264,6 @@ Prediction::Landed Prediction::execute(const Transaction& transaction, bool own,
                 AuthoredEdit{std::move(done.edit.layer), std::move(done.edit.address.path),
                              std::move(done.edit.action)};
         }
-        ++index;
     }
     return landed;
 }
@@ -275,10 +273,9 @@ Prediction::Landed Prediction::execute(const Transaction& transaction, bool own,
 std::optional<Creation> Prediction::numberOfPlace(const Executed& executed, std::size_t again,
                                                   std::uint64_t sequence) {
     const Edit& moved = executed.edits[again].edit;
-    std::uint32_t index = 0;
-    auto dropped = executed.dropped.begin();
-    for (std::size_t number = 0; number < again; ++number, ++index) {
-        for (; dropped != executed.dropped.end() && dropped->index == index; ++dropped) ++index;
+    SubmittedIndexes indexes(executed.dropped);
+    for (std::size_t number = 0; number < again; ++number) {
+        const std::uint32_t index = indexes.next();
         const Edit& edit = executed.edits[number].edit;
         if (concernsPlace(edit.action) && !changesNamespace(edit) && edit.layer == moved.layer &&
             edit.address.path == moved.address.path)

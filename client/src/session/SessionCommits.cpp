@@ -21,11 +21,6 @@ constexpr std::int64_t kFirstPauseMs = 500, kLongestPauseMs = 4'000;
 // drops its notes about them.
 constexpr std::size_t kAnsweredKept = 4'096;
 
-bool changesNames(const Edit& edit) {
-    return std::holds_alternative<MoveSpec>(edit.action) ||
-           std::holds_alternative<DeleteSpec>(edit.action);
-}
-
 // Returns whether each edit was committed at the predicted path and unchanged. The executor may
 // change it (M13, ED9).
 bool asPredicted(const Pending& own, const Commit& commit) {
@@ -58,7 +53,7 @@ void Session::Impl::apply(const Commit& commit) {
         previewsChanged();
         events_.push_back(event::PreviewChanged{gesture.first, gesture.second, true});
     }
-    if (!mine && commit.firstUnseen != 0) committed_.follow(log_);
+    if (!mine && commit.firstUnseen != 0) committed_.follow(log_, commit.firstUnseen);
     Prediction* current = frozen_ ? nullptr : follow(commit, own);
     const auto applied = applyCommit(confirmed_, log_, commit);
     keepForLater(commit);
@@ -111,7 +106,7 @@ Prediction* Session::Impl::follow(const Commit& commit, const Pending* own) {
             const auto pending = [this](std::uint64_t number) { return isPending(number); };
             if (current.effect(edit, pending) != Prediction::Effect::Invalidates) continue;
             holds = false;
-            canGoOn = canGoOn && !changesNames(edit);
+            canGoOn = canGoOn && !changesNamespace(edit);
         }
     }
     if (holds) return &current;

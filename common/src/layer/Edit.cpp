@@ -3,6 +3,15 @@
 
 namespace usdlive {
 
+Revision newestSeen(const Transaction& transaction) {
+    return transaction.seen == 0 ? transaction.base : transaction.seen;
+}
+
+std::uint32_t SubmittedIndexes::next() {
+    for (; passed_ < dropped_->size() && (*dropped_)[passed_].index == index_; ++passed_) ++index_;
+    return index_++;
+}
+
 bool concernsPlace(const EditAction& action) {
     const auto* move = std::get_if<MoveSpec>(&action);
     const auto* remove = std::get_if<DeleteSpec>(&action);

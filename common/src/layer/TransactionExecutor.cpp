@@ -347,7 +347,7 @@ private:
     // M16: the paths that others have written to a place from which this transaction moved or
     // deleted the object, and that its author had not seen.
     void correctUnseenPaths() {
-        const Revision seen = transaction_.seen == 0 ? transaction_.base : transaction_.seen;
+        const Revision seen = newestSeen(transaction_);
         if (seen + 1 >= revision_) return;
         std::set<LayerId> layers;
         for (const auto& [index, entry] : created_)
@@ -524,17 +524,22 @@ Result<void> applyCommit(LayerDocs& layers, NamespaceLog& log, const Commit& com
     return result;
 }
 
+void forEachExecuted(
+    const NamespaceLog& log, const Commit& commit,
+    const std::function<void(const Edit& edit, std::uint32_t index, std::uint64_t mark)>& visit) {
+    std::uint64_t mark = log.markAfter(commit.revision - 1);
+    SubmittedIndexes indexes(commit.dropped);
+    for (const Edit& edit : commit.edits) {
+        if (log.isEntry(mark, edit)) ++mark;
+        visit(edit, indexes.next(), mark);
+    }
+}
+
 std::map<std::uint32_t, OwnCreations::Entry> createdBy(const NamespaceLog& log,
                                                        const Commit& commit) {
     std::map<std::uint32_t, OwnCreations::Entry> created;
     std::map<std::pair<LayerId, std::string>, std::uint32_t> staying;  // objects that did not move
-    std::uint64_t mark = log.markAfter(commit.revision - 1);
-    auto dropped = commit.dropped.begin();
-    std::uint32_t index = 0;
-    for (const Edit& edit : commit.edits) {
-        for (; dropped != commit.dropped.end() && dropped->index == index; ++dropped) ++index;
-        const bool isEntry = log.isEntry(mark, edit);
-        if (isEntry) ++mark;
+    forEachExecuted(log, commit, [&](const Edit& edit, std::uint32_t index, std::uint64_t mark) {
         const bool ofPlace = concernsPlace(edit.action);
         if (ofPlace || std::holds_alternative<CreateSpec>(edit.action))
             created.emplace(index, OwnCreations::Entry{edit.layer, edit.address.path, mark});
@@ -542,10 +547,9 @@ std::map<std::uint32_t, OwnCreations::Entry> createdBy(const NamespaceLog& log,
             staying.insert_or_assign({edit.layer, edit.address.path}, index);
         else if (ofPlace && !staying.empty())  // moved under a new parent, after all others
             if (const auto stayed = staying.find({edit.layer, edit.address.path});
-                isEntry && stayed != staying.end())
+                stayed != staying.end())
                 created.at(stayed->second).mark = mark;
-        ++index;
-    }
+    });
     return created;
 }
 

@@ -39,11 +39,9 @@ pxr::SdfPathSet pathsBefore(const std::vector<PathMap>& steps, std::size_t count
     return paths;
 }
 
-}  // namespace
-
 // Calls `visit` with each move of the objects of a plan in each layer of their stages, once.
 template <class Visit>
-static void forEachPlace(const Changes::Objects& plan, const Visit& visit) {
+void forEachPlace(const Changes::Objects& plan, const Visit& visit) {
     std::set<std::tuple<SdfLayerHandle, SdfPath, SdfPath>> visited;
     for (std::size_t stage = 0; stage < plan.moves.size(); ++stage)
         for (const auto& layer : plan.localLayers[stage])
@@ -51,6 +49,8 @@ static void forEachPlace(const Changes::Objects& plan, const Visit& visit) {
                 if (layer->PermissionToEdit() && visited.emplace(layer, from, to).second)
                     visit(layer, from, to);
 }
+
+}  // namespace
 
 std::vector<SdfLayerRefPtr> Changes::layers() const {
     std::set<SdfLayerRefPtr> layers;

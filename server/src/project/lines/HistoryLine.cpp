@@ -32,7 +32,7 @@ NamespaceLog namespacesOf(const HistoryLine::Start& start) {
 Revision firstUnseen(const Transaction& transaction, const std::vector<ExecutedEdit>& edits,
                      Revision revision) {
     const bool isOwn = transaction.id.sequence == 0;  // the server's, which has seen everything
-    const Revision first = (transaction.seen == 0 ? transaction.base : transaction.seen) + 1;
+    const Revision first = newestSeen(transaction) + 1;
     const auto deletes = [](const ExecutedEdit& done) {
         return std::holds_alternative<DeleteSpec>(done.edit.action) && done.applied.changed;
     };

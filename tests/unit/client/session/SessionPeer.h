@@ -100,7 +100,7 @@ public:
                       .edits = {},
                       .dropped = executed->dropped,
                       .previous = hashAt(head())};
-        const Revision seen = transaction.seen == 0 ? transaction.base : transaction.seen;
+        const Revision seen = newestSeen(transaction);
         for (const auto& edit : executed->edits) {
             commit.edits.push_back(edit.edit);
             if (std::holds_alternative<DeleteSpec>(edit.edit.action) && seen < head())

@@ -145,6 +145,8 @@ struct Transaction {
     bool operator==(const Transaction&) const = default;
 };
 
+/// Returns the newest revision that the author had seen (M16).
+[[nodiscard]] Revision newestSeen(const Transaction& transaction);
 /// Returns whether the action moves or deletes the object of a stage at a place (M15).
 [[nodiscard]] bool concernsPlace(const EditAction& action);
 /// Returns the path to which a move takes the spec at `path`. The new parent is named by its path.
@@ -160,6 +162,21 @@ struct DroppedEdit {
     ErrorCode reason{};
     Edit edit;
     bool operator==(const DroppedEdit&) const = default;
+};
+
+/// Gives executed edits, in order, their indexes in the transaction: dropped edits are not among
+/// them. Edits that the executor has added follow after the last index.
+class SubmittedIndexes {
+public:
+    /// `dropped` is in the order of the indexes, and outlives this object.
+    explicit SubmittedIndexes(const std::vector<DroppedEdit>& dropped) : dropped_(&dropped) {}
+    /// Returns the index of the next executed edit.
+    std::uint32_t next();
+
+private:
+    const std::vector<DroppedEdit>* dropped_;
+    std::size_t passed_ = 0;  // dropped edits before `index_`
+    std::uint32_t index_ = 0;
 };
 
 /// A transaction that the server has accepted.

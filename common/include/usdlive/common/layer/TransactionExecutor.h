@@ -244,9 +244,14 @@ void recordMove(NamespaceLog& log, Revision revision, const ClientId& author, co
 /// layer that it names again. All other layers have received their edits.
 Result<void> applyCommit(LayerDocs& layers, NamespaceLog& log, const Commit& commit);
 
+/// Calls `visit` for each edit of a commit that is the newest in `log`, with its index in the
+/// transaction and the mark of the log after it. The log lacks the moves in unknown layers.
+void forEachExecuted(
+    const NamespaceLog& log, const Commit& commit,
+    const std::function<void(const Edit& edit, std::uint32_t index, std::uint64_t mark)>& visit);
+
 /// Returns the specs that a commit created and the places that it vacated, by the index of the edit
-/// in the transaction. `log` has the moves of the commit, except those in unknown layers. The
-/// places of the entries are unknown.
+/// in the transaction, as forEachExecuted() finds them. The places of the entries are unknown.
 [[nodiscard]] std::map<std::uint32_t, OwnCreations::Entry> createdBy(const NamespaceLog& log,
                                                                      const Commit& commit);
 
