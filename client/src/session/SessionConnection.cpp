@@ -96,11 +96,13 @@ bool Session::Impl::hasUnanswered() const {
            });
 }
 
-void Session::Impl::noteUnanswered() {
+void Session::Impl::noteUnanswered(Revision joined) {
     std::uint64_t last = 0;
     for (const Pending& pending : pending_)
         if (pending.everSent) last = std::max(last, pending.transaction.id.sequence);
-    if (last != 0) unanswered_ = {hasUnanswered() ? unanswered_->since : revision_, last};
+    const Revision since = hasUnanswered() ? unanswered_->since : revision_;
+    // Another history may be shorter than the one that the client leaves (ID4).
+    if (last != 0) unanswered_ = {std::min(since, joined), last};
 }
 
 void Session::Impl::disconnected(Error reason, std::size_t unconfirmed) {
@@ -190,7 +192,7 @@ void Session::Impl::on(const Welcome& message) {
     if (!message.resumed) {
         if (forgotten_) loseSent(*forgotten_);
         if (hasHistory_) {
-            noteUnanswered();
+            noteUnanswered(message.revision);
             freeze();
         }
         revision_ = message.revision;
@@ -253,7 +255,6 @@ Result<void> Session::Impl::joinOtherHistory() {
 // ID3, ID4: keeps what the editor was told is committed, until it is known what the joined history
 // lacks of it. Unsent work does not reach another project.
 void Session::Impl::abandonHistory(const OtherHistory& other) {
-    unanswered_.reset();
     if (!abandoned_) abandoned_.emplace();
     abandoned_->reason = {ErrorCode::HistoryDiverged,
                           "it was committed in a history that this editor has left, and " +

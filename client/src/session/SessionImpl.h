@@ -346,7 +346,7 @@ private:
     };
     std::optional<Unanswered> unanswered_;
     [[nodiscard]] bool hasUnanswered() const;
-    void noteUnanswered();
+    void noteUnanswered(Revision joined);
     std::vector<LayerId> replaceProjectLayers(const std::vector<LayerInfo>& listed);
     void keepLayers(const Welcome& welcome);
     LayerDocs confirmed_;

@@ -264,4 +264,29 @@ TEST_F(OtherHistory, M14ASessionWithUnansweredWorkResumesWhereItIs) {
     EXPECT_TRUE(peer.agrees());
 }
 
+// Otherwise a server that has forgotten the client commits what is sent again a second time.
+TEST_F(OtherHistory, M14WorkIsUnansweredSinceAShorterHistoryWasJoined) {
+    peer.connect();
+    peer.advance();
+    (void)peer.takeTransaction();  // sent, and its answer is lost
+    peer.commitAndTell(peer.foreign({edit("/B", createPrim())}));
+    peer.advance();
+    const Revision left = peer.head();
+    goAway();
+    serveCopy();
+    const Revision joined = peer.head();
+    ASSERT_LT(joined, left);
+    find("futureRevision");
+    joinFound();
+    (void)peer.takeTransaction();  // sent again, and the answer is lost
+    peer.commit(peer.foreign({edit("/B", createPrim())}));
+    goAway();
+    peer.sent.clear();
+    peer.reader.emplace();
+    peer.session.connected();
+    const auto hello = peer.takeControl<Hello>();
+    EXPECT_EQ(hello->resume->revision, joined);
+    EXPECT_EQ(hello->resume->unansweredSince, joined);
+}
+
 }  // namespace
