@@ -158,9 +158,12 @@ def capfd(capfd):
 
 
 @pytest.fixture(autouse=True)
-def _state_of_its_own(tmp_path, monkeypatch):
-    """Keeps the unsent work of one test from being offered to another."""
+def _folders_of_its_own(tmp_path, monkeypatch):
+    """Keeps the unsent work of one test from being offered to another, and the files that were cached before from all.
+    (A process opens its cache once: this one, when its first test does.)"""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    monkeypatch.setenv("USDLIVE_CACHE", str(tmp_path / "files"))
+    monkeypatch.setenv("USDLIVE_EDF_CACHE", str(tmp_path / "answers"))
 
 
 @pytest.fixture

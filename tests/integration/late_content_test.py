@@ -105,8 +105,7 @@ class Scene:
 
 
 @pytest.fixture
-def scene(serve, project, tmp_path, monkeypatch):
-    monkeypatch.setenv("USDLIVE_CACHE", str(tmp_path / "files"))
+def scene(serve, project, tmp_path):
     made = Scene(serve, project, tmp_path)
     yield made
     made.author.close()

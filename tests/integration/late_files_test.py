@@ -40,11 +40,6 @@ def "Layer" (references = @./late.usda@</Prop>)
 PROP = 'def "Prop"\n{\n    int size = 7\n}\n'
 
 
-@pytest.fixture(autouse=True)
-def cache(tmp_path, monkeypatch):
-    monkeypatch.setenv("USDLIVE_CACHE", str(tmp_path / "files"))
-
-
 def write_package(folder: pathlib.Path, made: pathlib.Path) -> None:
     folder.mkdir()
     (folder / "prop.usda").write_text(f'#usda 1.0\n(\n    defaultPrim = "Prop"\n    doc = "{os.urandom(8).hex()}"\n)\n{PROP}')

@@ -18,11 +18,6 @@ TIMES = (0, 2, 4)
 SEEDS = 40
 
 
-@pytest.fixture(autouse=True)
-def cache(tmp_path, monkeypatch):
-    monkeypatch.setenv("USDLIVE_CACHE", str(tmp_path / "files"))
-
-
 def fill_clip(layer: Sdf.Layer, first: float) -> None:
     attribute = Sdf.AttributeSpec(Sdf.CreatePrimInLayer(layer, "/Model"), "x", Sdf.ValueTypeNames.Double)
     for time_code in range(6):
@@ -33,7 +28,7 @@ def write_clips(folder, numbers=(1, 2)) -> None:
     folder.mkdir(exist_ok=True)
     for number in numbers:
         clip = Sdf.Layer.CreateNew(str(folder / f"clip.{number:03}.usda"))
-        clip.comment = str(folder)  # another content in each test: the processes of a machine share a cache
+        clip.comment = str(folder)  # another content in each test: a process has one cache
         fill_clip(clip, 10.0 * number)
         assert clip.Save()
     manifest = Sdf.Layer.CreateNew(str(folder / "manifest.usda"))

@@ -55,11 +55,6 @@ def fresh(tmp_path):
     return run
 
 
-@pytest.fixture(autouse=True)
-def _cache_of_its_own(tmp_path, monkeypatch):
-    monkeypatch.setenv("USDLIVE_CACHE", str(tmp_path / "files"))
-
-
 def sha(path: pathlib.Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 

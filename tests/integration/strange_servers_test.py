@@ -186,8 +186,7 @@ def test_a_server_may_have_an_ipv6_address(ipv6, plain, host):
     assert plain(INSIDE, f"usdlive://{host}:{ipv6.port}/shot.usda").value() == ["texture", "wood"]
 
 
-def test_a_live_stage_of_an_ipv6_address_has_its_files(ipv6, tmp_path, monkeypatch, recwarn):
-    monkeypatch.setenv("USDLIVE_CACHE", str(tmp_path / "files"))
+def test_a_live_stage_of_an_ipv6_address_has_its_files(ipv6, recwarn):
     url = f"ws://[::1]:{ipv6.port}"
     assert run("ls", url).split() == ["shot.usda"]
     assert 'def "A"' in run("flatten", url, "shot.usda")

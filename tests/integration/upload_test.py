@@ -26,11 +26,6 @@ result = path and Ar.GetResolver().OpenAsset(Ar.ResolvedPath(path)).GetBuffer().
 """
 
 
-@pytest.fixture(autouse=True)
-def _files_of_its_own(tmp_path, monkeypatch):
-    monkeypatch.setenv("USDLIVE_CACHE", str(tmp_path / "files"))
-
-
 @pytest.fixture
 def served(project, serve):
     (project / "shot.usda").write_text(SHOT)
