@@ -121,6 +121,11 @@ private:
     [[nodiscard]] std::string prohibitedError() const {
         const auto* parent = stage_.prim(edit_.to.GetParentPath());
         if (!parent) return "The new parent prim is not a valid prim";
+        const auto hasRelocates = [](const pxr::PcpNodeRef& node) {
+            return node.GetLayerStack()->HasRelocates();
+        };
+        // Composing the names takes long with many siblings.
+        if (std::ranges::none_of(parent->GetNodeRange(), hasRelocates)) return {};
         pxr::TfTokenVector names;
         pxr::PcpTokenSet prohibited;
         parent->ComputePrimChildNames(&names, &prohibited);
