@@ -294,9 +294,10 @@ private:
 
     static bool isInTick(const LiveProjectPtr& live) { return live && live->tick->isRunning(); }
 
-    /// True for files that OpenUSD opens as layers, except for USD.
+    /// True for files that OpenUSD reads as layers, except for USD. A dynamic payload does not read
+    /// its file.
     static bool isPackage(const Url& url) {
-        return !usdlive::resolver::isUsdLayer(url.path) &&
+        return !usdlive::resolver::isUsdLayer(url.path) && TfGetExtension(url.path) != "edf" &&
                SdfFileFormat::FindByExtension(url.path) != nullptr;
     }
 
