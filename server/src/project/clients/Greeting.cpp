@@ -140,7 +140,8 @@ void Greeting::checkResume(Session& session) {
     const auto hash =
         start_->whyNotReadable(resume.revision) ? std::nullopt : catchup_->hashAt(resume.revision);
     if (hash) return resumeChecked(session, *hash);
-    if (resume.revision > start_->oldest())
+    // Also the commit that is about to become the base.
+    if (resume.revision >= start_->oldest())
         return reads_->request(session.id,
                                {ReadPurpose::ResumeCheck, resume.revision, resume.revision});
     auto why = whyNotResumable(session, resume);
@@ -193,8 +194,14 @@ std::optional<Error> Greeting::whyForgotten(const Session& session,
 }
 
 void Greeting::resumeRead(SessionId id, const Result<std::vector<StoredCommit>>& commits) {
-    if (Session* session = sessions_->find(id))
-        resumeChecked(*session, commits.map([](const auto& found) { return found.front().hash; }));
+    Session* session = sessions_->find(id);
+    const auto* checking = session ? std::get_if<CheckingResume>(&session->phase) : nullptr;
+    if (!checking) return;
+    auto hash = commits.map([](const auto& found) { return found.front().hash; });
+    // The commit may have become the base meanwhile.
+    if (!hash)
+        if (const auto known = catchup_->hashAt(checking->hello.resume->revision)) hash = *known;
+    resumeChecked(*session, hash);
 }
 
 void Greeting::resumeChecked(Session& session, const Result<Hash>& hash) {
