@@ -207,8 +207,10 @@ void Greeting::resumeRead(SessionId id, const Result<std::vector<StoredCommit>>&
 void Greeting::resumeChecked(Session& session, const Result<Hash>& hash) {
     const auto* checking = std::get_if<CheckingResume>(&session.phase);
     if (!checking) return;
-    // A failure of the store does not mean that the histories differ.
-    if (!hash && hash.error().code == ErrorCode::StorageFailed)
+    // These do not mean that the histories differ. The client connects again; if the commit was
+    // being replaced, the base has its hash then.
+    if (!hash && (hash.error().code == ErrorCode::StorageFailed ||
+                  hash.error().code == ErrorCode::HistoryReplaced))
         return sessions_->close(session, hash.error());
     if (!hash) return welcome(session, hash.error());
     const auto& resume = *checking->hello.resume;

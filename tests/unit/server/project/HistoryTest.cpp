@@ -170,6 +170,44 @@ TEST_F(HistoryTest, CH4AClientBeforeTheBaseJoinsAgain) {
     EXPECT_EQ(error(4).code, "staleBase") << "also after a restart";
 }
 
+TEST_F(HistoryTest, ID2AnEditorOfAnotherHistoryIsNoticedWhereTheBaseWillBe) {
+    world->restart();  // the hashes are in the store only
+    world->join(1);
+    ask(0);
+    world->project->baseFound(BaseLimit{5, {}});
+    const auto resume = [&](SessionId session, const Hash& hash) {
+        auto hello = world->hello(session);
+        hello.resume = Hello::Resume{world->epoch - 1, 5, hash};
+        world->connect(session, hello);
+        world->answerQuestions();
+    };
+    const Hash own = world->host.log[4].hash;
+    resume(3, Hash());
+    world->answerRead();
+    EXPECT_EQ(error(3).code, "historyDiverged") << "before it is replaced";
+    resume(4, own);
+    world->answerRead();
+    EXPECT_TRUE(world->nextControl<Welcome>(4).resumed);
+
+    const Error replaced{ErrorCode::HistoryReplaced, "the history begins at 5"};
+    const auto answerReplaced = [&](SessionId session) {
+        world->host.reading.pop_front();
+        world->project->commitsRead(session, tl::unexpected(replaced));
+    };
+    resume(5, Hash());
+    answerReplaced(5);
+    const auto closed = error(5);
+    EXPECT_TRUE(closed.closing && closed.code == "historyReplaced") << "it connects again";
+
+    resume(6, Hash());
+    resume(7, own);
+    compacted(5);
+    answerReplaced(6);
+    EXPECT_EQ(error(6).code, "historyDiverged") << "compared with the base";
+    answerReplaced(7);
+    EXPECT_TRUE(world->nextControl<Welcome>(7).resumed);
+}
+
 TEST_F(HistoryTest, CH4DaysAndAdministrators) {
     ask({});
     EXPECT_EQ(error().code, "invalidArgument");
