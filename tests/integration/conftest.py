@@ -159,8 +159,8 @@ def capfd(capfd):
 
 @pytest.fixture(autouse=True)
 def _folders_of_its_own(tmp_path, monkeypatch):
-    """Keeps the unsent work of one test from being offered to another, and the files that were cached before from all.
-    (A process opens its cache once: this one, when its first test does.)"""
+    """Keeps the unsent work of one test from being offered to another, and gives the processes of a test empty caches.
+    This process opens its cache only once, so its tests share the cache of the first one that needs it."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     monkeypatch.setenv("USDLIVE_CACHE", str(tmp_path / "files"))
     monkeypatch.setenv("USDLIVE_EDF_CACHE", str(tmp_path / "answers"))
