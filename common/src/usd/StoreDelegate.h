@@ -7,7 +7,6 @@
 #include <pxr/usd/sdf/layerStateDelegate.h>
 #include <pxr/usd/sdf/notice.h>
 
-#include <list>
 #include <map>
 #include <optional>
 #include <set>
@@ -18,6 +17,7 @@
 
 #include "LayerAccess.h"
 #include "Tokens.h"
+#include "usdlive/common/usd/ChildOrder.h"
 
 namespace usdlive::usd {
 
@@ -69,32 +69,6 @@ private:
     Tokens& tokens_;
     std::string text_;
     pxr::SdfPath parent_;
-};
-
-/// The order of a list of children while edits change it. The first few changes search the list.
-/// Then it gets an index, which takes longer than they do, and each change takes constant time.
-class ChildOrder {
-public:
-    explicit ChildOrder(pxr::TfTokenVector names) : few_(std::move(names)) {}
-    ChildOrder(ChildOrder&&) = default;
-    /// Moves or adds a child before the child `before`, or to the end if there is none.
-    void place(const pxr::TfToken& name, const pxr::TfToken& before);
-    void remove(const pxr::TfToken& name);
-    void rename(const pxr::TfToken& from, const pxr::TfToken& to);
-    [[nodiscard]] pxr::TfTokenVector names() const;
-
-private:
-    using Order = std::list<pxr::TfToken>;
-    static constexpr int kFew = 8;
-
-    /// Returns whether the list has its index. Counts the change.
-    bool isIndexed();
-    void placeIndexed(const pxr::TfToken& name, const pxr::TfToken& before);
-
-    pxr::TfTokenVector few_;  // the names until there is an index
-    int changes_ = 0;
-    Order order_;
-    std::unordered_map<pxr::TfToken, Order::iterator, pxr::TfToken::HashFunctor> places_;
 };
 
 /// The state delegate between a layer and all its writers.

@@ -6,11 +6,11 @@
 #include <pxr/usd/sdf/schema.h>
 
 #include <algorithm>
-#include <list>
 #include <map>
 #include <set>
-#include <unordered_map>
 #include <utility>
+
+#include "usdlive/common/usd/ChildOrder.h"
 
 namespace usdlive::naming {
 
@@ -20,40 +20,6 @@ using pxr::TfToken;
 using pxr::VtValue;
 
 namespace {
-
-// The names of the children of one spec while many of them move.
-class Names {
-public:
-    Names(SdfLayerHandle layer, SdfPath parent, TfToken field)
-        : layer_(std::move(layer)), parent_(std::move(parent)), field_(std::move(field)) {
-        for (const TfToken& name :
-             layer_->GetFieldAs<pxr::TfTokenVector>(parent_, field_, pxr::TfTokenVector()))
-            append(name);
-    }
-    void append(const TfToken& name) { places_[name] = names_.insert(names_.end(), name); }
-    void remove(const TfToken& name) {
-        if (const auto place = places_.extract(name)) names_.erase(place.mapped());
-    }
-    // Keeps the place among the siblings.
-    void rename(const TfToken& from, const TfToken& to) {
-        auto place = places_.extract(from);
-        if (!place) return;
-        *place.mapped() = place.key() = to;
-        places_.insert(std::move(place));
-    }
-    void write() const {
-        layer_->SetField(
-            parent_, field_,
-            names_.empty() ? VtValue() : VtValue(pxr::TfTokenVector(names_.begin(), names_.end())));
-    }
-
-private:
-    SdfLayerHandle layer_;
-    SdfPath parent_;
-    TfToken field_;
-    std::list<TfToken> names_;
-    std::unordered_map<TfToken, std::list<TfToken>::iterator, TfToken::HashFunctor> places_;
-};
 
 // Moves and deletes specs, and writes each list of children once. (SdfBatchNamespaceEdit copies the
 // names of all siblings for each edit: 4,000 renames of siblings take 5 s.)
@@ -77,7 +43,7 @@ public:
             return false;
         if (move.isReparent()) {
             namesAround(from).remove(from.GetNameToken());
-            namesAround(to).append(to.GetNameToken());
+            namesAround(to).place(to.GetNameToken(), {});
         } else {
             namesAround(from).rename(from.GetNameToken(), to.GetNameToken());
         }
@@ -85,20 +51,26 @@ public:
         return true;
     }
     void writeNames() const {
-        for (const auto& [of, names] : names_) names.write();
+        for (const auto& [list, order] : orders_) {
+            const pxr::TfTokenVector names = order.names();
+            layer_->SetField(list.first, list.second, names.empty() ? VtValue() : VtValue(names));
+        }
     }
 
 private:
-    Names& namesAround(const SdfPath& path) {
+    usd::ChildOrder& namesAround(const SdfPath& path) {
         const auto& keys = pxr::SdfChildrenKeys;
         const SdfPath parent = path.GetParentPath();
         const TfToken& field = path.IsPropertyPath() ? keys->PropertyChildren : keys->PrimChildren;
-        return names_.try_emplace({parent, field}, layer_, parent, field).first->second;
+        const auto found = orders_.find({parent, field});
+        if (found != orders_.end()) return found->second;
+        usd::ChildOrder order(layer_->GetFieldAs<pxr::TfTokenVector>(parent, field, {}));
+        return orders_.try_emplace({parent, field}, std::move(order)).first->second;
     }
 
     const SdfLayerHandle layer_;
     const pxr::SdfLayerStateDelegateBasePtr delegate_;
-    std::map<std::pair<SdfPath, TfToken>, Names> names_;
+    std::map<std::pair<SdfPath, TfToken>, usd::ChildOrder> orders_;
 };
 
 // Removes overs that moves have left empty when the change block ends.
