@@ -158,12 +158,14 @@ def capfd(capfd):
 
 
 @pytest.fixture(autouse=True)
-def _folders_of_its_own(tmp_path, monkeypatch):
+def _folders_of_its_own(tmp_path, tmp_path_factory, monkeypatch):
     """Keeps the unsent work of one test from being offered to another, and gives the processes of a test empty caches.
-    This process opens its cache only once, so its tests share the cache of the first one that needs it."""
+    This process opens its cache only once, so its tests share the cache of the first one that needs it. pytest removes
+    tmp_path after a test that passed, but no other folder."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    monkeypatch.setenv("USDLIVE_CACHE", str(tmp_path / "files"))
-    monkeypatch.setenv("USDLIVE_EDF_CACHE", str(tmp_path / "answers"))
+    caches = tmp_path_factory.mktemp("caches")
+    monkeypatch.setenv("USDLIVE_CACHE", str(caches / "files"))
+    monkeypatch.setenv("USDLIVE_EDF_CACHE", str(caches / "answers"))
 
 
 @pytest.fixture

@@ -46,13 +46,14 @@ class Author:
     def write_big(self, count):
         for _ in range(count):
             content = wire.string_bytes(self.random.randbytes(150_000).hex())
-            self.peer.upload(content)
             self.sequence += 1
             self.big[self.peer.client, self.sequence] = hashlib.sha256(content).hexdigest()
-            self.peer.submit(self.sequence, "root.usda",
-                             wire.set_sample("/World.s", BIG_SAMPLE, wire.big_string(content)))
             self.waiting += 1
             while self.waiting:
+                # Again, if the server has removed the value before a transaction named it (B6).
+                self.peer.upload(content)
+                self.peer.submit(self.sequence, "root.usda",
+                                 wire.set_sample("/World.s", BIG_SAMPLE, wire.big_string(content)))
                 self.take()
 
     def write(self, count, window, most):
@@ -68,7 +69,11 @@ class Author:
             self.take()
 
     def take(self):
-        commit = self.peer.expect("Commit", 30)
+        """Notes the next commit. Returns also if a big value was removed before it was named."""
+        kind, commit = self.peer.expect_one_of({"Commit", "Refusal"}, 30)
+        if kind == "Refusal":
+            assert commit["code"] == "blobNotFound", commit
+            return
         size = self.trace.stat().st_size
         self.peer.follow(commit)
         self.waiting -= commit["client"] == self.peer.client

@@ -271,11 +271,15 @@ class Peer:
 
     def expect(self, kind, timeout=10):
         """Returns the next frame of this kind; skips others."""
+        return self.expect_one_of({kind}, timeout)[1]
+
+    def expect_one_of(self, kinds, timeout=10):
+        """Returns the next frame of one of these kinds, and its kind; skips others."""
         end = time.monotonic() + timeout
         while True:
             seen, members = self.frame(max(0.001, end - time.monotonic()))
-            if seen == kind:
-                return members
+            if seen in kinds:
+                return seen, members
             if seen == "errorMessage" and members["closing"]:
                 raise Broken(f"{members['code']}: {members['message']}")
 

@@ -152,10 +152,12 @@ void Projects::changed(const std::string& name) {
     if (found == projects_.end()) return;
     Entry& entry = found->second;
     const ServedProject::Status status = entry.project->status();
-    if (status.state == State::Failed && opened_ == nullptr && !std::exchange(entry.isLogged, true))
+    const bool isResult = status.state == State::Failed || status.state == State::Serving;
+    const bool isNews = isResult && !opened_ && std::exchange(entry.told, status.state) != status.state;
+    if (isNews && status.state == State::Failed)
         log_.write(LogLevel::Error, "project cannot be opened",
                    {{"project", name}, {"error", status.error->message}});
-    if (status.state == State::Serving && opened_ == nullptr)
+    if (isNews && status.state == State::Serving)
         log_.write(LogLevel::Info, "project opened", {{"project", name}});
     if (entry.project->lacksThreads()) startIn(ServedProject::kRetryPause);
     if (status.state == State::Stopped) projects_.erase(found);
@@ -167,7 +169,10 @@ void Projects::checkOpened() {
     const bool isOpening = std::ranges::any_of(projects_, [](const auto& one) {
         return one.second.project->status().state == State::Opening;
     });
-    if (opened_ && !isOpening) std::exchange(opened_, nullptr)();
+    if (!opened_ || isOpening) return;
+    // The caller of open() reads all states now, also one whose changed() has not run yet.
+    for (auto& [name, entry] : projects_) entry.told = entry.project->status().state;
+    std::exchange(opened_, nullptr)();
 }
 
 void Projects::announce(const std::string& url, const HttpServer& http,

@@ -7,6 +7,7 @@
 #include <functional>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -76,7 +77,8 @@ private:
         std::unique_ptr<ServedProject> project;
         unsigned missing = 0;   ///< how often in a row its folder was missing
         bool isNamed = false;   ///< given on the command line, so it is never removed
-        bool isLogged = false;  ///< its failure was logged
+        /// Serving or Failed, as it was last logged, or read by whoever waited for open().
+        std::optional<ServedProject::State> told;
     };
 
     boost::asio::io_context& io_;
