@@ -12,6 +12,8 @@
 #include <random>
 #include <set>
 
+#include "unit/Seeds.h"
+
 namespace usdlive::naming {
 namespace {
 
@@ -65,7 +67,7 @@ std::set<SdfPath> found(LayerPaths& index, const SdfLayerRefPtr& layer, const Sd
 // The index may also return specs that no longer refer to the path.
 TEST(PathIndex, FindsAfterEachEditWhatANewOneFinds) {
     std::size_t results = 0;
-    for (unsigned seed = 0; seed < 300; ++seed) {
+    for (unsigned seed = 0; seed < seedsOf(300); ++seed) {
         SCOPED_TRACE(seed);
         std::mt19937 random(seed);
         const auto layer = SdfLayer::CreateAnonymous(".usda");
