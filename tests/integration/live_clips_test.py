@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 import time
 
 import clip_stages
@@ -210,6 +212,33 @@ def test_clips_without_a_connection(serve, project):
         assert attribute.Get(4) is None  # a warning says why
         server.start()
         wait(lambda: stage.GetAttributeAtPath("/Model.x").Get(4) == wanted[2], ada, timeout=30)
+
+
+SHOWN_LATER = """
+import sys, time, usdlive
+with usdlive.connect(sys.argv[1], user="ada") as ada:
+    stage = ada.open_stage("shot.usda")
+    seen = []
+    for _ in range(20):
+        attribute = stage.GetAttributeAtPath("/Model.x")
+        seen.append([attribute.Get(float(time_code)) for time_code in sys.argv[2:]])
+        ada.tick()
+        time.sleep(0.02)
+    assert seen == [seen[0]] * len(seen), seen
+    print(seen[0])
+"""
+
+
+def test_clips_without_a_cache(serve, project, monkeypatch):
+    """A clip that came late is composed again from what has come, also if no folder keeps it."""
+    wanted = write_shot(project, explicit())
+    server = serve(project)
+    monkeypatch.setenv("USDLIVE_CACHE", "/proc/none")
+    done = subprocess.run([sys.executable, "-c", SHOWN_LATER, server.url, *map(str, TIMES)], capture_output=True,
+                          text=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == str(wanted)
+    assert "the cache /proc/none cannot be written" in done.stderr
 
 
 def test_stages_with_clips_show_what_their_folder_shows(serve, project):

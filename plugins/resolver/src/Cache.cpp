@@ -15,6 +15,7 @@
 #include <cstdlib>
 #include <cstring>
 #include <ctime>
+#include <deque>
 #include <fstream>
 #include <limits>
 #include <map>
@@ -333,6 +334,65 @@ private:
     bool isStopped_ = false;
 };
 
+// ---- Memory
+
+/// Files for which the folder has no room. A stage that reads a file late opens it again after it
+/// has come, so it must be found until then.
+class Cache::Memory {
+public:
+    /// Keeps the content of `file`, which is hashed. The oldest files are dropped.
+    void add(const std::string& hash, const Descriptor& file, std::uint64_t bytes) {
+        if (bytes > kMostBytes) return;
+        auto content = std::make_shared<Content>(bytes);
+        if (readPart(file, 0, *content) != bytes) return;
+        const std::lock_guard lock(mutex_);
+        if (!files_.emplace(hash, std::move(content)).second) return;
+        order_.emplace_back(hash, bytes);
+        for (bytes_ += bytes; bytes_ > kMostBytes; order_.pop_front()) {
+            files_.erase(order_.front().first);
+            bytes_ -= order_.front().second;
+        }
+    }
+    [[nodiscard]] OpenFile find(const std::string& hash) const {
+        std::shared_ptr<const Content> content;
+        {
+            const std::lock_guard lock(mutex_);
+            const auto found = files_.find(hash);
+            if (found == files_.end()) return noFile();
+            content = found->second;
+        }
+        Descriptor file(::memfd_create("usdlive", MFD_CLOEXEC));
+        if (!file || !writeAll(file.get(), content->data(), content->size())) return noFile();
+        ::lseek(file.get(), 0, SEEK_SET);
+        return opened(std::move(file));
+    }
+    [[nodiscard]] bool has(const std::string& hash) const {
+        const std::lock_guard lock(mutex_);
+        return files_.contains(hash);
+    }
+    void addKey(const std::string& key, const std::string& hash) {
+        const std::lock_guard lock(mutex_);
+        if (files_.contains(hash)) keys_.insert_or_assign(key, hash);
+    }
+    /// Returns the hash of a file that has this key, or an empty text.
+    [[nodiscard]] std::string hashOf(const std::string& key) const {
+        const std::lock_guard lock(mutex_);
+        const auto found = keys_.find(key);
+        return found != keys_.end() && files_.contains(found->second) ? found->second : "";
+    }
+
+private:
+    using Content = std::vector<std::uint8_t>;
+    static constexpr std::uint64_t kMostBytes = 256 * 1024 * 1024;
+
+    mutable std::mutex mutex_;  // guards all members
+    // The contents by hash. An open file for each would use up the descriptors of the process.
+    std::unordered_map<std::string, std::shared_ptr<const Content>> files_;
+    std::deque<std::pair<std::string, std::uint64_t>> order_;  // hashes and sizes, the oldest first
+    std::unordered_map<std::string, std::string> keys_;        // hashes by the hashes of keys
+    std::uint64_t bytes_ = 0;
+};
+
 // ---- NewFile
 
 /// A file that arrives. It is in memory if the cache folder takes no more. The destructor removes
@@ -340,17 +400,12 @@ private:
 class Cache::NewFile final : public BodySink {
 public:
     NewFile(Cache& cache, std::string origin)
-        : cache_(cache),
-          origin_(std::move(origin)),
-          name_((cache.options_.folder / "new" / "XXXXXX").string()) {
-        std::error_code error = cache_.whyUnusable_;
-        if (!error) file_ = Descriptor(::mkostemp(name_.data(), O_CLOEXEC));
-        if (!error && !file_) error.assign(errno, std::system_category());
+        : cache_(cache), origin_(std::move(origin)), file_(cache.newFile(name_)) {
         isOnDisk_ = bool(file_);
         if (isOnDisk_)
             ::flock(file_.get(), LOCK_EX | LOCK_NB);  // other processes see that it is in use
         else
-            cache_.report("cannot be written: " + error.message());
+            cache_.report(std::string("cannot be written: ") + std::strerror(errno));
         if (!file_) file_ = Descriptor(::memfd_create("usdlive", MFD_CLOEXEC));
     }
     ~NewFile() override {
@@ -379,6 +434,7 @@ public:
             (isHashed && !hasHashOf(named)))
             return Failure{"the file was changed while it was sent"};
         ::lseek(file_.get(), 0, SEEK_SET);
+        bool isKept = false;
         if (isOnDisk_) {
             std::error_code error;
             const fs::path path =
@@ -386,12 +442,14 @@ public:
             fs::create_directories(path.parent_path(), error);
             if (isHashed) mark(file_, named);
             const auto rename = [&] { return ::rename(name_.c_str(), path.c_str()) == 0; };
-            isOnDisk_ = !rename() && !(fs::remove(path, error) && rename());  // an empty folder
-            if (isOnDisk_) cache_.report("cannot keep " + path.string());
+            isKept = rename() || (fs::remove(path, error) && rename());  // an empty folder
+            isOnDisk_ = !isKept;
+            if (!isKept) cache_.report("cannot keep " + path.string());
             ::flock(file_.get(), LOCK_UN);
             if (!isHashed) cache_.checks_->add(path, named, origin_);
             cache_.added(size_);
         }
+        if (!isKept && isHashed) cache_.memory_->add(named, file_, size_);
         OpenFile stream = opened(std::move(file_));
         if (!stream) return Failure{std::strerror(errno)};
         return std::pair<OpenFile, std::string>(std::move(stream), named);
@@ -459,10 +517,33 @@ Cache::Options Cache::optionsFromEnvironment() {
 }
 
 // The size is checked when the first file is added.
-Cache::Cache(Options options) : options_(std::move(options)), added_(options_.maxBytes) {
+Cache::Cache(Options options)
+    : options_(std::move(options)),
+      added_(options_.maxBytes),
+      checks_(std::make_unique<Checks>(*this)),
+      memory_(std::make_unique<Memory>()) {
+    static_cast<void>(makeFolders());  // newFile() tries it again
+}
+
+std::error_code Cache::makeFolders() const {
+    std::error_code error;
     for (const char* part : {"files", "keys", "locks", "new", "unchecked"})
-        if (!whyUnusable_) fs::create_directories(options_.folder / part, whyUnusable_);
-    checks_ = std::make_unique<Checks>(*this);
+        if (!error) fs::create_directories(options_.folder / part, error);
+    return error;
+}
+
+Descriptor Cache::newFile(std::string& name) const {
+    const auto create = [&] {
+        name = (options_.folder / "new" / "XXXXXX").string();
+        return Descriptor(::mkostemp(name.data(), O_CLOEXEC));
+    };
+    Descriptor file = create();
+    if (file || (errno != ENOENT && errno != ENOTDIR)) return file;
+    if (const std::error_code error = makeFolders()) {
+        errno = error.value();
+        return file;
+    }
+    return create();
 }
 
 Cache::~Cache() = default;
@@ -514,6 +595,7 @@ void Cache::noteHashed(const Descriptor& file, const std::string& hash) {
 }
 
 OpenFile Cache::find(const std::string& origin, const std::string& hash) {
+    if (auto file = memory_->find(hash)) return file;
     if (auto file = openAt(pathOf(hash), hash)) return file;
     const fs::path path = uncheckedPathOf(origin, hash);
     if (checks_->isTrusted(path)) return openAt(path, hash);
@@ -530,6 +612,7 @@ bool Cache::isReady(const std::string& origin, const std::string& hash) const {
         return ::stat(path.c_str(), &found) == 0 && S_ISREG(found.st_mode) &&
                (isKnown(path, found, hash) || (isOfThisStart(found) && isMarked(found, hash)));
     };
+    if (memory_->has(hash)) return true;
     const fs::path unchecked = uncheckedPathOf(origin, hash);
     return isReadyAt(pathOf(hash)) || (checks_->isTrusted(unchecked) && isReadyAt(unchecked));
 }
@@ -582,6 +665,7 @@ Outcome<std::pair<OpenFile, std::string>> Cache::fetch(const std::string& origin
 }
 
 std::string Cache::readKey(const std::string& key) const {
+    if (std::string kept = memory_->hashOf(key); !kept.empty()) return kept;
     std::array<std::uint8_t, kHashDigits + 1 + kSealDigits> bytes{};
     const Descriptor file = openFile(options_.folder / "keys" / key.substr(0, 2) / key);
     if (!file || !readPart(file, 0, bytes)) return "";
@@ -590,18 +674,19 @@ std::string Cache::readKey(const std::string& key) const {
 }
 
 void Cache::writeKey(const std::string& key, const std::string& hash) {
-    if (whyUnusable_) return;
+    std::string name;
+    const Descriptor file = newFile(name);
+    if (!file) return memory_->addKey(key, hash);
+    ::flock(file.get(), LOCK_EX | LOCK_NB);
     std::error_code error;
     const fs::path folder = options_.folder / "keys" / key.substr(0, 2);
     fs::create_directories(folder, error);
-    std::string name = (options_.folder / "new" / "XXXXXX").string();
-    const Descriptor file(::mkostemp(name.data(), O_CLOEXEC));
-    if (!file) return;
-    ::flock(file.get(), LOCK_EX | LOCK_NB);
     const std::string line = sealed(key, hash) + "\n";
-    if (!writeAll(file.get(), line.data(), line.size()) ||
-        ::rename(name.c_str(), (folder / key).c_str()) != 0)
-        ::unlink(name.c_str());
+    if (writeAll(file.get(), line.data(), line.size()) &&
+        ::rename(name.c_str(), (folder / key).c_str()) == 0)
+        return;
+    ::unlink(name.c_str());
+    memory_->addKey(key, hash);
 }
 
 void Cache::report(const std::string& problem) {

@@ -40,7 +40,8 @@ using OpenFile = std::unique_ptr<std::FILE, int (*)(std::FILE*)>;
 /// - a file that something else has written, cut or replaced is hashed again, too: a file that was
 ///   hashed has a time that only this class gives. A small file is hashed once in each process. A
 ///   file with a wrong content is removed and fetched again.
-/// If the folder cannot be written, or is full, files are kept in memory while they are open.
+/// If the folder cannot be written, or is full, this process keeps files in memory: the newest
+/// ones, and those that are open. If it was removed, it is created again.
 class Cache {
 public:
     struct Options {
@@ -89,6 +90,7 @@ public:
 private:
     class Checks;
     class Lock;
+    class Memory;
     class NewFile;
     /// Identifies the content of a file in this process: whoever writes it changes its times.
     struct Stamp {
@@ -114,12 +116,15 @@ private:
     void report(const std::string& problem);
     void added(std::uint64_t bytes);
     void removeOldFiles();
+    [[nodiscard]] std::error_code makeFolders() const;
+    /// Returns a new file in the folder `new`, whose path is written into `name`, or errno.
+    [[nodiscard]] Descriptor newFile(std::string& name) const;
 
     const Options options_;
-    std::error_code whyUnusable_;  // why its folders could not be created
     std::once_flag reported_;
     std::atomic<std::uint64_t> added_;  // bytes that were added since the size was checked
     std::unique_ptr<Checks> checks_;
+    const std::unique_ptr<Memory> memory_;
     mutable std::mutex mutex_;                       // guards the next member
     std::unordered_map<std::string, Stamp> hashed_;  // by hash: files that this process has hashed
 };

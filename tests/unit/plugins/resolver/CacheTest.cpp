@@ -362,6 +362,31 @@ TEST_F(CacheTest, AnOpenFileCanBeReadAfterItWasRemoved) {
     EXPECT_EQ(get(cache, "brick"), "brick") << "the cache creates its folders again";
 }
 
+TEST_F(CacheTest, AFolderThatWasRemovedIsCreatedAgain) {
+    Cache cache({folder, kPlenty});
+    std::vector<std::string> problems;
+    cache.onProblem = [&](const std::string& problem) { problems.push_back(problem); };
+    EXPECT_EQ(get(cache, "brick"), "brick");
+    fs::remove_all(folder);
+    EXPECT_EQ(get(cache, "brick"), "brick");
+    EXPECT_TRUE(fs::exists(folder / "files"));
+    EXPECT_EQ(get(cache, "brick"), "brick");
+    EXPECT_EQ(downloads, 2);
+    EXPECT_THAT(problems, testing::IsEmpty());
+}
+
+TEST_F(CacheTest, WhatTheFolderDoesNotTakeIsKeptToALimit) {
+    const fs::path blocked = folder / "file";
+    std::ofstream(blocked) << "no folder";
+    Cache cache({blocked / "cache", kPlenty});
+    const std::string large(100 * 1024 * 1024, 'x');
+    for (const std::string first : {"a", "b", "c"})
+        EXPECT_TRUE(cache.file(kOrigin, hashOfText(first + large), downloadOf(first + large)));
+    EXPECT_FALSE(cache.isReady(kOrigin, hashOfText("a" + large))) << "the oldest";
+    EXPECT_TRUE(cache.isReady(kOrigin, hashOfText("b" + large)));
+    EXPECT_TRUE(cache.isReady(kOrigin, hashOfText("c" + large)));
+}
+
 TEST_F(CacheTest, WithoutAFolderFilesAreInMemory) {
     const fs::path blocked = folder / "file";
     std::ofstream(blocked) << "no folder";
@@ -370,6 +395,12 @@ TEST_F(CacheTest, WithoutAFolderFilesAreInMemory) {
     cache.onProblem = [&](const std::string& problem) { problems.push_back(problem); };
     EXPECT_EQ(get(cache, "brick"), "brick");
     EXPECT_EQ(get(cache, "brick"), "brick");
+    EXPECT_EQ(downloads, 1);
+    EXPECT_TRUE(cache.isReady(kOrigin, hashOfText("brick"))) << "so that a stage can open it again";
+    const auto keyed = cache.keyedFile(kOrigin, "key", downloadOf("wood"));
+    ASSERT_TRUE(keyed);
+    EXPECT_TRUE(cache.isKeyedReady(kOrigin, "key"));
+    EXPECT_EQ(read(cache.findKeyed(kOrigin, "key")), "wood");
     EXPECT_EQ(downloads, 2);
     ASSERT_EQ(problems.size(), 1U);
     EXPECT_THAT(problems.front(), HasSubstr((blocked / "cache").string()));
