@@ -13,7 +13,7 @@ import pytest
 import stage_seeds
 
 HERE = pathlib.Path(__file__).parent
-SEEDS = int(os.environ.get("USDLIVE_FOLLOWING_SEEDS", "48"))
+SEEDS = int(os.environ.get("USDLIVE_FOLLOWING_SEEDS", "36"))
 FIRST = int(os.environ.get("USDLIVE_SEED", "0"))
 AT_ONCE = 12
 LIVE_SEEDS = int(os.environ.get("USDLIVE_FOLLOWING_LIVE_SEEDS", "6"))

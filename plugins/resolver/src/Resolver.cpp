@@ -81,7 +81,8 @@ class UsdliveResolver final : public ArResolver {
 public:
     UsdliveResolver() : searchFolders_(searchFolders()) {
         remotes_.cache.onProblem = [](const std::string& problem) {
-            TF_WARN("usdlive: %s. Files are fetched again each time", problem.c_str());
+            TF_WARN("usdlive: %s. New files stay in memory until the program ends",
+                    problem.c_str());
         };
         remotes_.cache.onWrongFile = [](const std::string& hash, const std::string& origin) {
             TF_WARN(
