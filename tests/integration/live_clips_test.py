@@ -215,29 +215,37 @@ def test_clips_without_a_connection(serve, project):
 
 
 SHOWN_LATER = """
-import sys, time, usdlive
+import json, sys, time, usdlive
 with usdlive.connect(sys.argv[1], user="ada") as ada:
-    stage = ada.open_stage("shot.usda")
     seen = []
-    for _ in range(20):
-        attribute = stage.GetAttributeAtPath("/Model.x")
-        seen.append([attribute.Get(float(time_code)) for time_code in sys.argv[2:]])
-        ada.tick()
-        time.sleep(0.02)
-    assert seen == [seen[0]] * len(seen), seen
-    print(seen[0])
+    for folder in sys.argv[2:]:
+        stage = ada.open_stage(folder + "/shot.usda")
+        seen.append([])
+        for frame in range(8):
+            if frame == 4:  # the stage composes its clips again
+                ada.open_layer(folder + "/clips/clip.001.usda")
+            attribute = stage.GetAttributeAtPath("/Model.x")
+            seen[-1].append([attribute.Get(float(time_code)) for time_code in TIMES])
+            ada.tick()
+            time.sleep(0.02)
+    json.dump(seen, sys.stdout)
 """
 
 
 def test_clips_without_a_cache(serve, project, monkeypatch):
-    """A clip that came late is composed again from what has come, also if no folder keeps it."""
-    wanted = write_shot(project, explicit())
+    """A clip that came late is composed again from what has come, also if no folder keeps it. Several stages, because
+    without it only some of them lose a clip."""
+    folders = {f"shot{number}": template() if number % 2 else explicit() for number in range(12)}
+    wanted = []
+    for name, clips in folders.items():
+        (project / name).mkdir()
+        wanted.append([write_shot(project / name, clips)] * 8)
     server = serve(project)
     monkeypatch.setenv("USDLIVE_CACHE", "/proc/none")
-    done = subprocess.run([sys.executable, "-c", SHOWN_LATER, server.url, *map(str, TIMES)], capture_output=True,
-                          text=True, timeout=60, check=False)
+    done = subprocess.run([sys.executable, "-c", f"TIMES = {TIMES}\n{SHOWN_LATER}", server.url, *folders],
+                          capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.strip() == str(wanted)
+    assert json.loads(done.stdout) == wanted
     assert "the cache /proc/none cannot be written" in done.stderr
 
 

@@ -342,27 +342,42 @@ class Cache::Memory {
 public:
     /// Keeps the content of `file`, which is hashed. The oldest files are dropped.
     void add(const std::string& hash, const Descriptor& file, std::uint64_t bytes) {
-        if (bytes > kMostBytes) return;
-        auto content = std::make_shared<Content>(bytes);
-        if (readPart(file, 0, *content) != bytes) return;
+        if (bytes > kMostBytes || has(hash)) return;
+        auto kept = std::make_shared<Kept>();
+        if (bytes <= kCopiedBytes) {
+            kept->content.resize(bytes);
+            if (readPart(file, 0, kept->content) != bytes) return;
+        } else {
+            kept->file = Descriptor(::fcntl(file.get(), F_DUPFD_CLOEXEC, 0));
+            if (!kept->file) return;
+        }
         const std::lock_guard lock(mutex_);
-        if (!files_.emplace(hash, std::move(content)).second) return;
+        if (!files_.emplace(hash, std::move(kept)).second) return;
         order_.emplace_back(hash, bytes);
         for (bytes_ += bytes; bytes_ > kMostBytes; order_.pop_front()) {
-            files_.erase(order_.front().first);
-            bytes_ -= order_.front().second;
+            const auto& [oldest, size] = order_.front();
+            std::erase_if(keys_, [&](const auto& key) { return key.second == oldest; });
+            files_.erase(oldest);
+            bytes_ -= size;
         }
     }
+    /// Called in a frame, so it copies no more than kCopiedBytes.
     [[nodiscard]] OpenFile find(const std::string& hash) const {
-        std::shared_ptr<const Content> content;
+        std::shared_ptr<const Kept> kept;
         {
             const std::lock_guard lock(mutex_);
             const auto found = files_.find(hash);
             if (found == files_.end()) return noFile();
-            content = found->second;
+            kept = found->second;
+        }
+        if (kept->file) {
+            // Opened again, because each reader has a position of its own.
+            const std::string path = "/proc/self/fd/" + std::to_string(kept->file.get());
+            return opened(Descriptor(::open(path.c_str(), O_RDONLY | O_CLOEXEC)));
         }
         Descriptor file(::memfd_create("usdlive", MFD_CLOEXEC));
-        if (!file || !writeAll(file.get(), content->data(), content->size())) return noFile();
+        if (!file || !writeAll(file.get(), kept->content.data(), kept->content.size()))
+            return noFile();
         ::lseek(file.get(), 0, SEEK_SET);
         return opened(std::move(file));
     }
@@ -378,16 +393,20 @@ public:
     [[nodiscard]] std::string hashOf(const std::string& key) const {
         const std::lock_guard lock(mutex_);
         const auto found = keys_.find(key);
-        return found != keys_.end() && files_.contains(found->second) ? found->second : "";
+        return found != keys_.end() ? found->second : "";
     }
 
 private:
-    using Content = std::vector<std::uint8_t>;
-    static constexpr std::uint64_t kMostBytes = 256 * 1024 * 1024;
+    static constexpr std::uint64_t kMostBytes = 256 * kMib, kCopiedBytes = kMib;
 
-    mutable std::mutex mutex_;  // guards all members
-    // The contents by hash. An open file for each would use up the descriptors of the process.
-    std::unordered_map<std::string, std::shared_ptr<const Content>> files_;
+    // One of both. An open file for each small one would use up the descriptors of the process.
+    struct Kept {
+        std::vector<std::uint8_t> content;
+        Descriptor file;
+    };
+
+    mutable std::mutex mutex_;                                            // guards all members
+    std::unordered_map<std::string, std::shared_ptr<const Kept>> files_;  // by hash
     std::deque<std::pair<std::string, std::uint64_t>> order_;  // hashes and sizes, the oldest first
     std::unordered_map<std::string, std::string> keys_;        // hashes by the hashes of keys
     std::uint64_t bytes_ = 0;

@@ -160,7 +160,7 @@ TEST_F(PresenceTest, PS1APresenceThatEndsTheSessionTwiceIsNotSentAgain) {
 }
 
 TEST_F(PresenceTest, NothingThatACallerChoosesEndsTheSession) {
-    for (unsigned seed = 0; seed < seedsOf(100); ++seed) {
+    for (unsigned seed = 0; seed < seedsOf(400); ++seed) {
         SCOPED_TRACE(seed);
         OddValues odd(seed);
         Presence presence;

@@ -385,6 +385,11 @@ TEST_F(CacheTest, WhatTheFolderDoesNotTakeIsKeptToALimit) {
     EXPECT_FALSE(cache.isReady(kOrigin, hashOfText("a" + large))) << "the oldest";
     EXPECT_TRUE(cache.isReady(kOrigin, hashOfText("b" + large)));
     EXPECT_TRUE(cache.isReady(kOrigin, hashOfText("c" + large)));
+    for (int reader = 0; reader < 2; ++reader) {
+        const auto file = cache.find(kOrigin, hashOfText("c" + large));
+        ASSERT_TRUE(file);
+        EXPECT_TRUE(read(file).starts_with("cxx")) << "each reader begins at the start";
+    }
 }
 
 TEST_F(CacheTest, WithoutAFolderFilesAreInMemory) {

@@ -667,7 +667,7 @@ private:
 
 // Every connection is a client of its own.
 TEST(RocksCommitStore, M14RecordsOfManyClientsAreBounded) {
-    constexpr std::size_t kClients = seedsOf(40'000), kKept = 1'000;
+    constexpr std::size_t kClients = seedsOf(100'000), kKept = 1'000;
     TestFolder folder;
     RocksCommitStoreOptions options;
     options.durability = Durability::OperatingSystem;
