@@ -153,7 +153,8 @@ void Projects::changed(const std::string& name) {
     Entry& entry = found->second;
     const ServedProject::Status status = entry.project->status();
     const bool isResult = status.state == State::Failed || status.state == State::Serving;
-    const bool isNews = isResult && !opened_ && std::exchange(entry.told, status.state) != status.state;
+    const bool isNews =
+        isResult && !opened_ && std::exchange(entry.told, status.state) != status.state;
     if (isNews && status.state == State::Failed)
         log_.write(LogLevel::Error, "project cannot be opened",
                    {{"project", name}, {"error", status.error->message}});

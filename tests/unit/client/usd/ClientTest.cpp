@@ -460,8 +460,8 @@ TEST_F(ClientTest, SiblingsThatTwoAddedOfflineTakeLinearTime) {
     double ratio = 100;  // the best of some, because the machine may be busy
     for (const std::string name : {"A", "B", "C"})
         if (ratio >= 3)
-            ratio = std::min(
-                ratio, timeOf("/World/" + name + "2", 4'000) / timeOf("/World/" + name + "1", 2'000));
+            ratio = std::min(ratio, timeOf("/World/" + name + "2", 4'000) /
+                                        timeOf("/World/" + name + "1", 2'000));
     EXPECT_LT(ratio, 3);
 }
 

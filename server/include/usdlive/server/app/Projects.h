@@ -75,8 +75,8 @@ private:
 
     struct Entry {
         std::unique_ptr<ServedProject> project;
-        unsigned missing = 0;   ///< how often in a row its folder was missing
-        bool isNamed = false;   ///< given on the command line, so it is never removed
+        unsigned missing = 0;  ///< how often in a row its folder was missing
+        bool isNamed = false;  ///< given on the command line, so it is never removed
         /// Serving or Failed, as it was last logged, or read by whoever waited for open().
         std::optional<ServedProject::State> told;
     };
