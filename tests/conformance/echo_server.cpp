@@ -45,6 +45,7 @@ int main() {
     NoLog log;
     WebSocketOptions options;
     options.maxHelloBytes = options.maxMessageBytes;  // there is no hello
+    options.takesText = true;
     const auto sessions = createWebSocketTransport(
         network, options, echo, [](const std::function<void()>& job) { job(); }, log);
     const auto server =

@@ -17,6 +17,7 @@
 #include "usdlive/common/core/Utf8.h"
 #include "usdlive/common/layer/FieldParts.h"
 #include "usdlive/common/layer/FileRules.h"
+#include "usdlive/common/layer/LayerDocNode.h"
 #include "usdlive/common/usd/NamedAssets.h"
 
 namespace usdlive::client {
@@ -31,9 +32,6 @@ namespace {
 constexpr std::string_view kTimeSamples = "timeSamples";
 
 const TfToken& timeSamplesToken() { return pxr::SdfFieldKeys->TimeSamples; }
-
-constexpr std::array<ChildList, 4> kLists{ChildList::Prims, ChildList::Properties,
-                                          ChildList::VariantSets, ChildList::Variants};
 
 const TfToken& fieldOf(ChildList list) {
     switch (list) {
@@ -50,7 +48,7 @@ const TfToken& fieldOf(ChildList list) {
 }
 
 std::optional<ChildList> listOf(const TfToken& field) {
-    for (const ChildList list : kLists)
+    for (const ChildList list : kChildLists)
         if (field == fieldOf(list)) return list;
     return std::nullopt;
 }
@@ -96,7 +94,7 @@ public:
         for (const auto& [path, spec] : capture_.dirty_)
             if (doc().has(path.GetString())) compareFields(path, spec);
         for (const auto& [path, spec] : capture_.dirty_)
-            for (const ChildList list : kLists)
+            for (const ChildList list : kChildLists)
                 if (spec.lists[std::size_t(list)] && doc().has(path.GetString()))
                     compareOrder(path, list);
     }
@@ -160,7 +158,7 @@ private:
         for (const TfToken& field : layer_->ListFields(path))
             if (!usd::isStructural(field))
                 for (auto& edit : written(path, field)) edits.push_back(std::move(edit));
-        for (const ChildList list : kLists)
+        for (const ChildList list : kChildLists)
             for (const auto& name : childrenInLayer(path, list))
                 collect(childPath(path, list, name), edits);
     }
@@ -393,7 +391,7 @@ private:
             }
         }
         compareAllFields(path);
-        for (const ChildList list : kLists) compareList(path, list);
+        for (const ChildList list : kChildLists) compareList(path, list);
     }
 
     // The parent may be missing, too. Its comparison then includes this spec.

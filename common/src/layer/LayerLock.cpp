@@ -48,15 +48,6 @@ std::vector<EditAction> lockEdits(const LayerDoc& doc, const LayerLock& lock) {
     return lockEdits(lock);
 }
 
-std::vector<EditAction> lockMapEdits(const LayerDoc& root) {
-    std::vector<EditAction> edits;
-    const Dictionary* group = omniLayer::groupOf(root);
-    const Dictionary* map = group ? omniLayer::dictionaryAt(*group, kLocked) : nullptr;
-    if (!map) return edits;
-    for (const auto& [layer, locked] : map->entries) edits.push_back(keyEdit({kLocked, layer}, {}));
-    return edits;
-}
-
 bool isLockEdit(const EditAction& action) {
     const FieldPart* part = omniLayer::editedPart(action);
     const auto* key = part ? std::get_if<DictionaryKey>(part) : nullptr;

@@ -37,13 +37,6 @@ constexpr std::size_t kSmallFrameBytes = 1024;
 // The limits of the read buffer. It grows with the data of the client and shrinks again.
 constexpr std::size_t kLeastReadBytes = 4 * 1024;
 constexpr std::size_t kMostReadBytes = 1024 * 1024;
-// The WebSocket conformance suite also sends text. Only its echo server (tests/conformance) is
-// built to accept it.
-#ifdef USDLIVE_TEXT_MESSAGES
-constexpr bool kTextMessages = true;
-#else
-constexpr bool kTextMessages = false;
-#endif
 
 websocket::close_code closeCode(const std::optional<Error>& why) {
     if (!why) return websocket::close_code::normal;
@@ -310,7 +303,7 @@ private:
         life_.received(steady_clock::now());
         hub_.counters.bytesIn += bytes;
         if (!isOpen()) return;
-        if constexpr (kTextMessages)
+        if (hub_.options.takesText)
             stream_.text(stream_.got_text());  // answer in the same mode
         else if (stream_.got_text())
             return close(Error{ErrorCode::TextFrame, std::string(errorText(ErrorCode::TextFrame))});

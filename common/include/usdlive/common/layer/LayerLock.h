@@ -29,10 +29,6 @@ struct LayerLock {
 /// there is no lock to release.
 [[nodiscard]] std::vector<EditAction> lockEdits(const LayerDoc& doc, const LayerLock& lock);
 
-/// Returns the edits that empty the map of locked layers that Kit keeps in a root layer under the
-/// same key. The server does not enforce this map, but Kit's editors respect it.
-[[nodiscard]] std::vector<EditAction> lockMapEdits(const LayerDoc& root);
-
 /// Returns true if the action, of the pseudo-root, changes only the lock.
 [[nodiscard]] bool isLockEdit(const EditAction& action);
 /// Returns true if the action may change the lock.

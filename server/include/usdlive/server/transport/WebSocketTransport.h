@@ -34,6 +34,10 @@ struct WebSocketOptions {
     /// A peer is pinged after half of this time without a message, and treated as lost after all of
     /// it.
     std::chrono::milliseconds peerTime{14'000};
+    /// Accepts text, and sends the next messages in the mode of the last one received, as the echo
+    /// of the WebSocket conformance suite has to. Otherwise text gives TextFrame and closes the
+    /// session.
+    bool takesText = false;
 };
 
 /// Serves the sessions of one project over WebSockets. HttpServer accepts the connections, on its
