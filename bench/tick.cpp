@@ -274,7 +274,7 @@ void measurePaste(int prims, int rounds) {
 
 // ---- an array that the editor sets
 
-struct NoBlobs final : usdlive::usd::BlobSink {
+struct NoBlobs final : usdlive::BlobSink {
     void keepBlob(const usdlive::Hash&, usdlive::SharedBytes) override {}
 };
 

@@ -35,7 +35,7 @@ using Edits = std::vector<std::pair<std::string, EditAction>>;
 // Makes edits of every kind; most of them are valid for the given doc.
 class RandomEdits {
 public:
-    RandomEdits(unsigned seed, usd::BlobSink& blobs) : random_(seed), blobs_(blobs) {}
+    RandomEdits(unsigned seed, BlobSink& blobs) : random_(seed), blobs_(blobs) {}
 
     Edits next(const LayerDoc& doc) {
         specs_.clear();
@@ -344,7 +344,7 @@ private:
     }
 
     std::mt19937 random_;
-    usd::BlobSink& blobs_;
+    BlobSink& blobs_;
     std::vector<Spec> specs_;
 };
 

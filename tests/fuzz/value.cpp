@@ -11,7 +11,7 @@ using namespace usdlive;
 
 namespace {
 
-struct NoBlobs final : usd::BlobSource, usd::BlobSink {
+struct NoBlobs final : BlobSource, BlobSink {
     SharedBytes blob(const Hash&) override { return nullptr; }
     void keepBlob(const Hash&, SharedBytes) override {}
 };

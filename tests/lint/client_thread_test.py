@@ -17,7 +17,7 @@ def public_functions(header: str) -> set[str]:
 
 def test_every_function_of_client_is_called_on_another_thread():
     header = (ROOT / "client/include/usdlive/client/usd/Client.h").read_text()
-    test = (ROOT / "tests/unit/client/usd/ClientThreadTest.cpp").read_text()
+    test = (ROOT / "tests/unit/client/usd/editor/ClientThreadTest.cpp").read_text()
     listed = set(re.findall(r"(?:THROWS|RETURNS)\((\w+)", test)) - {"name"}
     functions = {name for name in public_functions(header) if name[0].islower()} - EXEMPT
     assert len(functions) > 35, functions

@@ -17,6 +17,8 @@ FOLDERS = ["common", "server", "client", "plugins", "tests", "bench"]
 # The area of a file, and the areas whose headers it may include. An area is a folder of common, server or
 # client ("server/project"); a prefix ("common/") means all areas below it.
 COMMON_PLAIN = ["common/core", "common/layer", "common/protocol"]
+# The client without OpenUSD, each folder with those before it.
+CLIENT_PLAIN = ["client/session", "client/transport", "client/basics", "client/values", "client/link", "client/work"]
 SERVER_EDGES = ["server/transport", "server/storage", "server/files"]
 ALLOWED = {
     **{area: COMMON_PLAIN for area in COMMON_PLAIN},
@@ -30,7 +32,24 @@ ALLOWED = {
     "server/app": ["common/", "server/project", *SERVER_EDGES],
     "client/session": COMMON_PLAIN,
     "client/transport": [*COMMON_PLAIN, "common/transport", "common/dds", "client/session"],
-    "client/usd": ["common/", "client/session", "client/transport"],
+    "client/basics": COMMON_PLAIN,
+    "client/values": [*COMMON_PLAIN, "client/session", "client/basics"],
+    "client/link": [*COMMON_PLAIN, *CLIENT_PLAIN[:3]],
+    "client/work": [*COMMON_PLAIN, *CLIENT_PLAIN[:5]],
+    # Layers and stages of any editor, without a connection.
+    "client/usd/content": ["common/", "client/session", "client/usd"],
+    "client/usd/schema": ["common/"],
+    "client/usd/stage": ["common/", "client/usd/content", "client/usd/schema"],
+    "client/usd/namespace": ["common/", "client/usd", "client/usd/content", "client/usd/schema", "client/usd/stage"],
+    # Live layers.
+    "client/usd/places": ["common/", *CLIENT_PLAIN, "client/usd"],
+    "client/usd/live": ["common/", *CLIENT_PLAIN, "client/usd/places"],
+    "client/usd/assets": ["common/", *CLIENT_PLAIN, "client/usd/places", "client/usd/live"],
+    "client/usd/editor": ["common/", *CLIENT_PLAIN, "client/usd", "client/usd/places", "client/usd/live",
+                          "client/usd/assets", "client/usd/content"],
+    # Kit's layers, of any stage; live ones by way of the client.
+    "client/usd/layers": ["common/", "client/basics", "client/usd", "client/usd/content", "client/usd/stage", "client/usd/editor"],
+    "client/usd": ["common/core"],  # two headers beside the folders
     "client/cli": ["common/", "client/"],
     "client/python": ["common/", "client/"],
     "client/examples": ["common/", "client/"],
@@ -102,26 +121,35 @@ def source_files():
                 yield path
 
 
+def room(parts):
+    """Returns usd/live for usd/live/Capture.h, and session for session/Session.h."""
+    if parts[0] != "usd":
+        return parts[0]
+    if parts[-1] == "Client.h" and len(parts) == 2:
+        return "usd/editor"
+    return "/".join(parts[:2]) if len(parts) > 2 and (ROOT / "client/src/usd" / parts[1]).is_dir() else "usd"
+
+
 def area_of(path):
-    """Returns the area: client/include/usdlive/client/usd/Client.h and client/src/usd/Client.cpp both belong
-    to client/usd."""
+    """Returns the area: client/include/usdlive/client/usd/Client.h and client/src/usd/editor/Client.cpp both belong
+    to client/usd/editor."""
     parts = path.relative_to(ROOT).parts
     if len(parts) > 4 and parts[1] == "include":
-        return f"{parts[0]}/{parts[4]}"
+        return f"{parts[0]}/{room(parts[4:])}"
     if len(parts) > 3 and parts[1] == "src":
-        return f"{parts[0]}/{parts[2]}"
+        return f"{parts[0]}/{room(parts[2:])}"
     if parts[0] in ("tests", "bench", "plugins"):
         return "/".join(parts[:-1])
     return "/".join(parts[:2])
 
 
 def area_of_include(include):
-    """Returns the area of one of our headers; None for all others. usdlive/client/usd/Client.h is installed, and
-    usd/LiveLayer.h is a private header of the client, in client/src: both are of client/usd."""
+    """Returns the area of one of our headers; None for all others. usdlive/client/usd/stage/Stage.h is
+    installed, and usd/stage/Clips.h is a private header of the client, in client/src: both are of client/usd/stage."""
     parts = include.split("/")
     if parts[0] == "usdlive":
-        return "/".join(parts[1:3]) if len(parts) > 3 else None
-    return f"client/{parts[0]}" if (ROOT / "client" / "src" / include).is_file() and len(parts) > 1 else None
+        return f"{parts[1]}/{room(parts[2:])}" if len(parts) > 3 else None
+    return f"client/{room(parts)}" if (ROOT / "client" / "src" / include).is_file() and len(parts) > 1 else None
 
 
 def all_includes():
@@ -206,7 +234,11 @@ def test_json_headers_are_included_by_sources_only():
 def test_headers_are_included_by_their_full_path():
     """Includes have the form usdlive/common/core/Id.h and not ../core/Id.h, so that these rules find every
     include."""
-    offences = [found for found in all_includes() if found[3].startswith((".", "/"))]
+    offences = [
+        found for found in all_includes()
+        if found[3].startswith((".", "/"))
+        or found[0].as_posix().startswith("client/src/") and (ROOT / found[0].parent / found[3]).is_file()
+    ]
     assert not offences, listed(offences)
 
 

@@ -18,6 +18,7 @@ TARGETS = [
     ["common/src/usd"],
     ["client/src/session"],
     ["client/src/transport"],
+    ["client/src/basics", "client/src/values", "client/src/link", "client/src/work"],
     ["client/src/usd"],
     ["client/src/cli"],
     ["client/python/src"],

@@ -8,7 +8,7 @@ namespace usdlive::simulation {
 
 namespace {
 
-class Blobs : public usd::BlobSource {
+class Blobs : public BlobSource {
 public:
     explicit Blobs(const server::BlobStore& store) : store_(store) {}
     [[nodiscard]] SharedBytes blob(const Hash& hash) override {

@@ -1,5 +1,5 @@
 // Implements the verbs of `usdlive`.
-#include "Commands.h"
+#include "cli/Commands.h"
 
 #include <unistd.h>
 
@@ -14,12 +14,12 @@
 #include <optional>
 #include <set>
 
-#include "Json.h"
-#include "Link.h"
-#include "ProgressBar.h"
-#include "Terminal.h"
-#include "Text.h"
-#include "transport/SystemUser.h"
+#include "basics/SystemUser.h"
+#include "cli/Json.h"
+#include "cli/Link.h"
+#include "cli/ProgressBar.h"
+#include "cli/Terminal.h"
+#include "cli/Text.h"
 #include "usdlive/common/core/ErrorPasses.h"
 #include "usdlive/common/layer/GlobalMuteness.h"
 #include "usdlive/common/layer/KitLockMap.h"

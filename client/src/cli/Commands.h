@@ -6,8 +6,8 @@
 #include <optional>
 #include <string>
 
-#include "ComposedCommands.h"
-#include "Target.h"
+#include "cli/ComposedCommands.h"
+#include "cli/Target.h"
 #include "usdlive/common/core/Id.h"
 #include "usdlive/common/core/Result.h"
 

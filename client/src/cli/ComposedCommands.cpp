@@ -1,5 +1,5 @@
 // The commands that show composed stages.
-#include "ComposedCommands.h"
+#include "cli/ComposedCommands.h"
 
 #include <cerrno>
 #include <chrono>
@@ -12,10 +12,10 @@
 #include <sstream>
 #include <vector>
 
-#include "Plugins.h"
-#include "StageDump.h"
+#include "cli/Plugins.h"
+#include "cli/StageDump.h"
 #include "transport/Connection.h"
-#include "usd/ProjectFiles.h"  // encodedInAddress
+#include "usd/places/ProjectFiles.h"  // encodedInAddress
 #include "usd/stage/DepthGuard.h"
 #include "usdlive/client/usd/stage/Flatten.h"
 #include "usdlive/client/usd/stage/Stage.h"

@@ -5,7 +5,7 @@
 #include <optional>
 #include <string>
 
-#include "Target.h"
+#include "cli/Target.h"
 #include "usdlive/common/core/Id.h"
 #include "usdlive/common/core/Result.h"
 

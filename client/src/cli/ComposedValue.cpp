@@ -1,5 +1,5 @@
 // Writes composed values as JSON.
-#include "ComposedValue.h"
+#include "cli/ComposedValue.h"
 
 #include <pxr/base/gf/half.h>
 #include <pxr/base/gf/matrix2d.h>

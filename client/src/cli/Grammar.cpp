@@ -1,12 +1,12 @@
 // Builds the parser of the command line, its help and its shell completion.
-#include "Grammar.h"
+#include "cli/Grammar.h"
 
 #include <algorithm>
 #include <filesystem>
 
-#include "Commands.h"
-#include "ComposedCommands.h"
-#include "Target.h"
+#include "cli/Commands.h"
+#include "cli/ComposedCommands.h"
+#include "cli/Target.h"
 #include "usdlive/common/core/LayerPath.h"
 
 namespace usdlive::cli {

@@ -1,5 +1,5 @@
 // Converts layers, commits and states to JSON.
-#include "Json.h"
+#include "cli/Json.h"
 
 #include <algorithm>
 #include <cmath>
@@ -9,7 +9,7 @@
 #include <type_traits>
 #include <variant>
 
-#include "ValueShape.h"
+#include "cli/ValueShape.h"
 #include "usdlive/common/core/ByteStream.h"
 #include "usdlive/common/layer/SpecPath.h"
 
@@ -52,7 +52,7 @@ Json numbers(ByteReader& bytes, const Shape& shape) {
 }
 
 // Reads the body inside a leaf (V8) as a field.
-Json body(ByteReader& bytes, ValueType type, usd::BlobSource& blobs) {
+Json body(ByteReader& bytes, ValueType type, BlobSource& blobs) {
     const ByteView rest = bytes.take(bytes.left());
     Bytes field;
     appendNumber<std::uint16_t>(field, std::uint16_t(type));
@@ -63,7 +63,7 @@ Json body(ByteReader& bytes, ValueType type, usd::BlobSource& blobs) {
     return value ? toJson(*value, blobs) : Json();
 }
 
-Json arc(ByteReader& bytes, ValueType type, usd::BlobSource& blobs) {
+Json arc(ByteReader& bytes, ValueType type, BlobSource& blobs) {
     Json json{{"asset", bytes.text()}};
     if (type != ValueType::SubLayer) json["prim"] = bytes.text();
     json["offset"] = numberToJson(bytes.f64());
@@ -82,7 +82,7 @@ Json texts(ByteReader& bytes) {
     return all;
 }
 
-Json unregistered(ByteReader& bytes, usd::BlobSource& blobs) {
+Json unregistered(ByteReader& bytes, BlobSource& blobs) {
     const std::uint8_t kind = bytes.u8();
     if (kind == 0) return bytes.text();
     return body(bytes, kind == 1 ? ValueType::Dictionary : ValueType::ListOp, blobs);
@@ -101,14 +101,14 @@ Json array(ByteReader& bytes, const Shape& shape) {
 }
 
 // Returns the bytes of a value. `held` keeps those of a big one alive.
-std::optional<ByteView> bytesOf(const Value& value, usd::BlobSource& blobs, SharedBytes& held) {
+std::optional<ByteView> bytesOf(const Value& value, BlobSource& blobs, SharedBytes& held) {
     if (!value.isBlob()) return value.bytes();
     held = blobs.blob(value.hash());
     if (!held) return std::nullopt;
     return ByteView(*held);
 }
 
-Json leaf(const Value& value, usd::BlobSource& blobs) {
+Json leaf(const Value& value, BlobSource& blobs) {
     SharedBytes held;
     const auto content = bytesOf(value, blobs, held);
     if (!content) return Json{{"blob", value.hash().hex()}, {"bytes", value.size()}};
@@ -141,7 +141,7 @@ Json leaf(const Value& value, usd::BlobSource& blobs) {
 }
 
 struct Contents {
-    usd::BlobSource& blobs;
+    BlobSource& blobs;
 
     Json operator()(const Value& value) const { return leaf(value, blobs); }
     Json operator()(const Dictionary& value) const {
@@ -173,7 +173,7 @@ struct Contents {
 };
 
 struct Parts {
-    usd::BlobSource& blobs;
+    BlobSource& blobs;
 
     Json operator()(std::monostate) const { return nullptr; }
     Json operator()(const DictionaryKey& part) const { return Json{{"key", part.path}}; }
@@ -189,7 +189,7 @@ struct Parts {
 
 struct Actions {
     Json& json;
-    usd::BlobSource& blobs;
+    BlobSource& blobs;
 
     void operator()(const CreateSpec& action) const { json["kind"] = specKindName(action.kind); }
     void operator()(const DeleteSpec&) const {}
@@ -219,7 +219,7 @@ std::string textField(const LayerDoc& doc, const std::string& path, std::string_
     return std::string(value ? textOf(*value).value_or("") : "");
 }
 
-class NoBlobs final : public usd::BlobSource {
+class NoBlobs final : public BlobSource {
     SharedBytes blob(const Hash&) override { return nullptr; }
 };
 
@@ -293,9 +293,7 @@ Json fieldToJson(const T& message) {
 
 }  // namespace
 
-Json toJson(const FieldValue& value, usd::BlobSource& blobs) {
-    return value.visit(Contents{blobs});
-}
+Json toJson(const FieldValue& value, BlobSource& blobs) { return value.visit(Contents{blobs}); }
 
 std::string typeText(const FieldValue& value) {
     const ValueType type = value.type();
@@ -304,7 +302,7 @@ std::string typeText(const FieldValue& value) {
     return isArray(type) ? name + "[]" : name;
 }
 
-Json toJson(const Commit& commit, const LayerId& layer, usd::BlobSource& blobs) {
+Json toJson(const Commit& commit, const LayerId& layer, BlobSource& blobs) {
     Json json{{"revision", commit.revision},
               {"timeMs", commit.timeMs},
               {"user", commit.user.value},
@@ -324,7 +322,7 @@ Json toJson(const Commit& commit, const LayerId& layer, usd::BlobSource& blobs) 
     return json;
 }
 
-Json toJson(const LayerDoc& doc, usd::BlobSource& blobs) {
+Json toJson(const LayerDoc& doc, BlobSource& blobs) {
     Json specs = Json::array();
     doc.visit([&](const LayerDoc::SpecView& spec) {
         Json one{{"path", spec.path}, {"kind", specKindName(spec.kind)}};

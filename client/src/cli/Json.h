@@ -17,16 +17,16 @@ using Json = nlohmann::ordered_json;
 /// arrays of rows, quaternions as [i, j, k, real], a block as null, time samples as [[time, value],
 /// ...]. Numbers that JSON does not have are the texts "nan", "inf" and "-inf". Big values are read
 /// from `blobs`; a missing one is {"blob": hash, "bytes": size}.
-[[nodiscard]] Json toJson(const FieldValue& value, usd::BlobSource& blobs);
+[[nodiscard]] Json toJson(const FieldValue& value, BlobSource& blobs);
 
 /// Returns the type of a field's content as in .usda: `double`, `float3[]`, `dictionary`.
 [[nodiscard]] std::string typeText(const FieldValue& value);
 
 /// Returns a commit with the edits of `layer`, or all edits if it is empty.
-[[nodiscard]] Json toJson(const Commit& commit, const LayerId& layer, usd::BlobSource& blobs);
+[[nodiscard]] Json toJson(const Commit& commit, const LayerId& layer, BlobSource& blobs);
 /// Returns {"specs": [{"path", "kind", "fields": {name: {"type", "value"}}}]}, parents before
 /// children.
-[[nodiscard]] Json toJson(const LayerDoc& doc, usd::BlobSource& blobs);
+[[nodiscard]] Json toJson(const LayerDoc& doc, BlobSource& blobs);
 /// Returns the prims and variants as a tree: {"name", "path", "type", "specifier", "children":
 /// [...]}.
 [[nodiscard]] Json treeToJson(const LayerDoc& doc);

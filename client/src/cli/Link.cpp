@@ -1,13 +1,13 @@
 // A session of the command line tool with a server.
-#include "Link.h"
+#include "cli/Link.h"
 
 #include <chrono>
 #include <iostream>
 #include <optional>
 #include <set>
 
-#include "ProgressBar.h"
-#include "Text.h"
+#include "cli/ProgressBar.h"
+#include "cli/Text.h"
 #include "usdlive/common/core/ClientSecret.h"
 
 namespace usdlive::cli {

@@ -11,13 +11,13 @@
 
 #include "session/Session.h"
 #include "transport/Connection.h"
-#include "usd/FileUploads.h"
 #include "usdlive/common/usd/ValueCodec.h"
+#include "values/FileUploads.h"
 
 namespace usdlive::cli {
 
 /// A session without an editor, for commands that only query a server. One thread.
-class Link final : public client::SessionHost, public client::LayerView, public usd::BlobSource {
+class Link final : public client::SessionHost, public client::LayerView, public BlobSource {
 public:
     /// Connects in the name of `user`. Fails after the first attempt, because a person is waiting.
     static Result<std::unique_ptr<Link>> connect(const client::ServerAddress& server, UserName user,

@@ -1,5 +1,5 @@
 // Finds the plug-ins in a build folder, in an installed package and in a Python package.
-#include "Plugins.h"
+#include "cli/Plugins.h"
 
 #include <pxr/base/plug/plugin.h>
 #include <pxr/base/plug/registry.h>

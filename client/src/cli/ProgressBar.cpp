@@ -1,5 +1,5 @@
 // Draws a progress bar on the terminal.
-#include "ProgressBar.h"
+#include "cli/ProgressBar.h"
 
 #include <unistd.h>
 

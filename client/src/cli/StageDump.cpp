@@ -1,5 +1,5 @@
 // Writes a whole composed stage as text.
-#include "StageDump.h"
+#include "cli/StageDump.h"
 
 #include <pxr/usd/sdf/layer.h>
 
@@ -9,7 +9,7 @@
 #include <set>
 #include <tuple>
 
-#include "ComposedValue.h"
+#include "cli/ComposedValue.h"
 #include "usdlive/client/usd/stage/AttributeQuery.h"
 
 namespace usdlive::cli {

@@ -1,5 +1,5 @@
 // Writes to the descriptor of standard output.
-#include "StandardOutput.h"
+#include "cli/StandardOutput.h"
 
 #include <unistd.h>
 

@@ -1,5 +1,5 @@
 // Parses the server and the layers of a command.
-#include "Target.h"
+#include "cli/Target.h"
 
 #include <cstdlib>
 

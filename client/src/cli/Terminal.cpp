@@ -1,5 +1,5 @@
 // Writes colours for terminals.
-#include "Terminal.h"
+#include "cli/Terminal.h"
 
 #include <unistd.h>
 

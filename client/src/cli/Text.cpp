@@ -1,5 +1,5 @@
 // Formats edits, commits, states and reports as text.
-#include "Text.h"
+#include "cli/Text.h"
 
 #include <algorithm>
 #include <array>
@@ -7,7 +7,7 @@
 #include <ctime>
 #include <string_view>
 
-#include "ValueShape.h"
+#include "cli/ValueShape.h"
 
 namespace usdlive::cli {
 

@@ -5,7 +5,7 @@
 #include <string>
 #include <string_view>
 
-#include "Terminal.h"
+#include "cli/Terminal.h"
 #include "session/Session.h"
 #include "usdlive/common/layer/Edit.h"
 #include "usdlive/common/layer/LayerDoc.h"

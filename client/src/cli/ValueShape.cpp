@@ -1,5 +1,5 @@
 // Names the types of values and reads the numbers in them.
-#include "ValueShape.h"
+#include "cli/ValueShape.h"
 
 #include <algorithm>
 #include <array>

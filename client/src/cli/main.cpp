@@ -7,10 +7,10 @@
 #include <iostream>
 #include <string_view>
 
-#include "Commands.h"
-#include "Grammar.h"
-#include "StandardOutput.h"
-#include "Terminal.h"
+#include "cli/Commands.h"
+#include "cli/Grammar.h"
+#include "cli/StandardOutput.h"
+#include "cli/Terminal.h"
 #include "usdlive/common/core/StandardDescriptors.h"
 
 using namespace usdlive;

@@ -1,5 +1,5 @@
 // Uploads and downloads of big values, in chunks (V9, B1-B5).
-#include "BlobTransfer.h"
+#include "session/BlobTransfer.h"
 
 #include <algorithm>
 

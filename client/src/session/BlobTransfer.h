@@ -9,8 +9,8 @@
 #include <set>
 #include <vector>
 
-#include "Pending.h"
 #include "session/MessageReader.h"
+#include "session/Pending.h"
 #include "session/Session.h"
 
 namespace usdlive::client {

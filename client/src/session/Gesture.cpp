@@ -1,9 +1,9 @@
 // An open gesture: its edits so far, and its previews (M11).
-#include "Gesture.h"
+#include "session/Gesture.h"
 
 #include <algorithm>
 
-#include "Prediction.h"
+#include "session/Prediction.h"
 
 namespace usdlive::client {
 

@@ -6,7 +6,7 @@
 #include <optional>
 #include <set>
 
-#include "Pending.h"
+#include "session/Pending.h"
 
 namespace usdlive::client {
 

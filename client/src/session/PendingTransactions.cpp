@@ -1,5 +1,5 @@
 // The queue of own transactions that the server has not answered.
-#include "PendingTransactions.h"
+#include "session/PendingTransactions.h"
 
 #include <algorithm>
 

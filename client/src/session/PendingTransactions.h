@@ -11,7 +11,7 @@
 #include <utility>
 #include <vector>
 
-#include "Pending.h"
+#include "session/Pending.h"
 
 namespace usdlive::client {
 

@@ -1,5 +1,5 @@
 // The predicted side: own transactions and previews, executed on the confirmed layers (M7).
-#include "Prediction.h"
+#include "session/Prediction.h"
 
 #include <algorithm>
 #include <iterator>

@@ -9,7 +9,7 @@
 #include <utility>
 #include <vector>
 
-#include "Pending.h"
+#include "session/Pending.h"
 #include "usdlive/common/layer/LayerDoc.h"
 #include "usdlive/common/layer/TransactionExecutor.h"
 

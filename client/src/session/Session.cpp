@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <chrono>
 
-#include "SessionImpl.h"
+#include "session/SessionImpl.h"
 
 namespace usdlive::client {
 

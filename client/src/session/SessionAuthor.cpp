@@ -1,7 +1,7 @@
 // Edits of the editor: transactions and gestures.
 #include <algorithm>
 
-#include "SessionImpl.h"
+#include "session/SessionImpl.h"
 
 namespace usdlive::client {
 

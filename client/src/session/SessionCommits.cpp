@@ -1,7 +1,7 @@
 // The confirmed side: commits, acknowledgements, layers that are joined.
 #include <algorithm>
 
-#include "SessionImpl.h"
+#include "session/SessionImpl.h"
 
 namespace usdlive::client {
 

@@ -2,7 +2,7 @@
 #include <algorithm>
 #include <iterator>
 
-#include "SessionImpl.h"
+#include "session/SessionImpl.h"
 #include "usdlive/common/core/ErrorPasses.h"
 #include "usdlive/common/protocol/ServerControl.h"
 

@@ -9,12 +9,12 @@
 #include <string>
 #include <vector>
 
-#include "BlobTransfer.h"
-#include "Gesture.h"
-#include "PendingRequests.h"
-#include "PendingTransactions.h"
-#include "Prediction.h"
+#include "session/BlobTransfer.h"
 #include "session/CommittedWork.h"
+#include "session/Gesture.h"
+#include "session/PendingRequests.h"
+#include "session/PendingTransactions.h"
+#include "session/Prediction.h"
 #include "session/Session.h"
 #include "usdlive/common/layer/AddressResolver.h"
 #include "usdlive/common/protocol/FrameParts.h"

@@ -1,7 +1,7 @@
 // Presence: where this user and the others are (PS1-PS3).
 #include <algorithm>
 
-#include "SessionImpl.h"
+#include "session/SessionImpl.h"
 #include "usdlive/common/protocol/CheckedControl.h"
 
 namespace usdlive::client {

@@ -1,5 +1,5 @@
 // Previews of others, and the big values that they and the layers name.
-#include "SessionImpl.h"
+#include "session/SessionImpl.h"
 
 namespace usdlive::client {
 

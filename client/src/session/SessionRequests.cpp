@@ -2,7 +2,7 @@
 // them.
 #include <algorithm>
 
-#include "SessionImpl.h"
+#include "session/SessionImpl.h"
 #include "usdlive/common/core/ErrorPasses.h"
 #include "usdlive/common/protocol/CheckedControl.h"
 

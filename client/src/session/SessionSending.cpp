@@ -1,7 +1,7 @@
 // The work that a session sends: transactions, big values, its own previews and presence.
 #include <algorithm>
 
-#include "SessionImpl.h"
+#include "session/SessionImpl.h"
 #include "usdlive/common/core/ByteStream.h"
 
 namespace usdlive::client {

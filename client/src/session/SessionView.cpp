@@ -2,7 +2,7 @@
 #include <algorithm>
 #include <stdexcept>
 
-#include "SessionImpl.h"
+#include "session/SessionImpl.h"
 #include "usdlive/common/layer/AddressResolver.h"
 #include "usdlive/common/layer/MatchedSpecs.h"
 #include "usdlive/common/layer/PathsInValues.h"

@@ -4,10 +4,10 @@
 #include <mutex>
 #include <thread>
 
-#include "DdsProjects.h"
-#include "MailboxConnection.h"
-#include "RetryDelay.h"
 #include "transport/CommitOrder.h"
+#include "transport/DdsProjects.h"
+#include "transport/MailboxConnection.h"
+#include "transport/RetryDelay.h"
 #include "transport/StateOrder.h"
 #include "usdlive/common/core/Thread.h"
 #include "usdlive/common/dds/SegmentReceiver.h"

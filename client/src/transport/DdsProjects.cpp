@@ -1,5 +1,5 @@
 // Finds the projects that are served over DDS.
-#include "DdsProjects.h"
+#include "transport/DdsProjects.h"
 
 #include <algorithm>
 #include <charconv>

@@ -1,8 +1,8 @@
 // The owner's side of a connection with a mailbox.
 #pragma once
 
-#include "Mailbox.h"
 #include "transport/Connection.h"
+#include "transport/Mailbox.h"
 
 namespace usdlive::client {
 

@@ -15,8 +15,8 @@
 #include <optional>
 #include <thread>
 
-#include "MailboxConnection.h"
-#include "RetryDelay.h"
+#include "transport/MailboxConnection.h"
+#include "transport/RetryDelay.h"
 #include "usdlive/common/core/PercentEncoding.h"
 #include "usdlive/common/core/Thread.h"
 #include "usdlive/common/protocol/Frame.h"

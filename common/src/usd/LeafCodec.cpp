@@ -752,8 +752,8 @@ bool areIdentical(const VtValue& left, const VtValue& right) {
 }
 
 Result<Value> encodeLeaf(const VtValue& value, BlobSink& blobs) {
-    if (value.IsArrayValued())
-        if (auto known = blobs.encoded(value)) return *std::move(known);
+    if (EncodedArrays* const arrays = value.IsArrayValued() ? blobs.encodedArrays() : nullptr)
+        if (auto known = arrays->encoded(value)) return *std::move(known);
     const LeafCodec* codec = value.IsEmpty() ? nullptr : codecFor(value);
     if (!codec) return unsupported(value, "");
     if (auto big = encodeBigArray(*codec, value, blobs)) return *std::move(big);

@@ -304,7 +304,7 @@ bool EdfFileFormat::CanFieldChangeAffectFileFormatArguments(
 }
 
 // For a client library in the same process, which finds the functions by their names
-// (client/src/usd/DynamicPayloads.h). A change of their meaning changes the number.
+// (client/src/usd/assets/DynamicPayloads.h). A change of their meaning changes the number.
 #define USDLIVE_EDF_EXPORT extern "C" __attribute__((visibility("default")))
 USDLIVE_EDF_EXPORT void usdliveEdfBeginTick1() { LateReads::ofProcess().beginTick(); }
 USDLIVE_EDF_EXPORT void usdliveEdfEndTick1() { LateReads::ofProcess().endTick(); }

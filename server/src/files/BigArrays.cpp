@@ -205,8 +205,7 @@ bool isReadable(const Pieces& pieces) {
 
 /// Returns the items as text without brackets, or nothing if OpenUSD does not read the same items
 /// from it.
-std::optional<std::string> textOf(const Value& part, const std::string& type,
-                                  usd::BlobSource& blobs) {
+std::optional<std::string> textOf(const Value& part, const std::string& type, BlobSource& blobs) {
     const usd::TfComplaints complaints;
     const auto value = usd::decodeLeaf(part, blobs);
     if (!value) return std::nullopt;

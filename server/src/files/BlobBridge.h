@@ -9,7 +9,7 @@
 namespace usdlive::server {
 
 /// Stores the big values of a file in the blob store.
-class BlobKeeper final : public usd::BlobSink {
+class BlobKeeper final : public BlobSink {
 public:
     BlobKeeper(BlobStore& store, std::mutex& writing) : store_(store), writing_(writing) {}
     void keepBlob(const Hash& hash, SharedBytes bytes) override;
@@ -23,14 +23,14 @@ private:
 };
 
 /// For comparing layers, which needs only the hashes of big values.
-class BlobNames final : public usd::BlobSink {
+class BlobNames final : public BlobSink {
 public:
     [[nodiscard]] bool wantsBlob(const Hash&) override { return false; }
     void keepBlob(const Hash&, SharedBytes) override {}
 };
 
 /// Provides the big values of the store for a file.
-class StoredBlobs final : public usd::BlobSource {
+class StoredBlobs final : public BlobSource {
 public:
     explicit StoredBlobs(const BlobStore& store) : store_(store) {}
     [[nodiscard]] SharedBytes blob(const Hash& hash) override;

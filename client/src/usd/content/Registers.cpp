@@ -25,7 +25,7 @@ namespace {
 using Keys = std::vector<std::string>;
 using Parts = std::map<Part, VtValue>;
 
-class NoBlobs final : public usd::BlobSink {
+class NoBlobs final : public BlobSink {
 public:
     [[nodiscard]] bool wantsBlob(const Hash&) override { return false; }
     void keepBlob(const Hash&, SharedBytes) override {}

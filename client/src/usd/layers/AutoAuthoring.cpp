@@ -7,8 +7,8 @@
 #include <ranges>
 #include <utility>
 
-#include "DelegateWrites.h"
-#include "Distribution.h"
+#include "usd/layers/DelegateWrites.h"
+#include "usd/layers/Distribution.h"
 #include "usd/layers/LayersContext.h"
 
 namespace usdlive::layers {

@@ -1,5 +1,5 @@
 // Records writes to the delegate layer.
-#include "DelegateWrites.h"
+#include "usd/layers/DelegateWrites.h"
 
 #include <pxr/base/vt/dictionary.h>
 #include <pxr/base/vt/value.h>

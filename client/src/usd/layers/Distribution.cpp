@@ -1,5 +1,5 @@
 // Distributes edits of the delegate layer to the layers of the stack.
-#include "Distribution.h"
+#include "usd/layers/Distribution.h"
 
 #include <pxr/base/vt/dictionary.h>
 #include <pxr/usd/pcp/layerStack.h>

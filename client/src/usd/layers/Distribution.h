@@ -11,7 +11,7 @@
 #include <utility>
 #include <vector>
 
-#include "DelegateWrites.h"
+#include "usd/layers/DelegateWrites.h"
 #include "usd/layers/LocalStack.h"
 #include "usdlive/client/usd/content/Recorder.h"
 #include "usdlive/client/usd/layers/LayerTypes.h"

@@ -12,8 +12,8 @@
 #include <thread>
 #include <utility>
 
-#include "Distribution.h"
-#include "transport/SystemUser.h"
+#include "basics/SystemUser.h"
+#include "usd/layers/Distribution.h"
 #include "usd/layers/LayersContext.h"
 #include "usdlive/client/usd/Misuse.h"
 

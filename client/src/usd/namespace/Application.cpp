@@ -1,5 +1,5 @@
 // Collects the changes of a batch for each layer and applies them step by step.
-#include "Application.h"
+#include "usd/namespace/Application.h"
 
 #include <pxr/base/tf/errorMark.h>
 #include <pxr/usd/sdf/changeBlock.h>
@@ -12,8 +12,8 @@
 #include <tuple>
 #include <unordered_set>
 
-#include "RecordContent.h"
-#include "SpecMoves.h"
+#include "usd/namespace/RecordContent.h"
+#include "usd/namespace/SpecMoves.h"
 #include "usdlive/common/usd/SdfLayerStore.h"
 
 namespace usdlive::naming {

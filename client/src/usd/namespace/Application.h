@@ -10,8 +10,8 @@
 #include <utility>
 #include <vector>
 
-#include "PathIndex.h"
-#include "Planner.h"
+#include "usd/namespace/PathIndex.h"
+#include "usd/namespace/Planner.h"
 #include "usdlive/client/usd/namespace/NamespaceEditor.h"
 #include "usdlive/common/core/Result.h"
 

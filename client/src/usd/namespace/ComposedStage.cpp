@@ -1,5 +1,5 @@
 // Composes the prims of a stage with a PcpCache that follows its layers.
-#include "ComposedStage.h"
+#include "usd/namespace/ComposedStage.h"
 
 #include <pxr/usd/pcp/changes.h>
 #include <pxr/usd/pcp/node.h>

@@ -1,5 +1,5 @@
 // Finds out what an edit deletes by composing copies of the stages with the edit made.
-#include "Deletions.h"
+#include "usd/namespace/Deletions.h"
 
 #include <algorithm>
 #include <unordered_map>

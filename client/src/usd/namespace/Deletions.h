@@ -3,8 +3,8 @@
 
 #include <optional>
 
-#include "Planner.h"
-#include "ScratchStages.h"
+#include "usd/namespace/Planner.h"
+#include "usd/namespace/ScratchStages.h"
 
 namespace usdlive::naming {
 

@@ -1,5 +1,5 @@
 // Divides moves into steps of moves that do not meet.
-#include "MoveSteps.h"
+#include "usd/namespace/MoveSteps.h"
 
 #include <algorithm>
 

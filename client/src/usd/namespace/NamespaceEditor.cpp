@@ -9,12 +9,12 @@
 #include <thread>
 #include <utility>
 
-#include "Application.h"
-#include "ComposedStage.h"
-#include "Deletions.h"
-#include "PathIndex.h"
-#include "Planner.h"
-#include "ScratchStages.h"
+#include "usd/namespace/Application.h"
+#include "usd/namespace/ComposedStage.h"
+#include "usd/namespace/Deletions.h"
+#include "usd/namespace/PathIndex.h"
+#include "usd/namespace/Planner.h"
+#include "usd/namespace/ScratchStages.h"
 #include "usdlive/client/usd/Misuse.h"
 
 namespace usdlive {

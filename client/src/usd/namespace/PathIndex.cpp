@@ -1,5 +1,5 @@
 // Keeps an index of the fields that refer to paths, so that an edit does not read the whole stage.
-#include "PathIndex.h"
+#include "usd/namespace/PathIndex.h"
 
 #include <algorithm>
 #include <iterator>

@@ -16,7 +16,7 @@
 #include <thread>
 #include <vector>
 
-#include "PathValues.h"
+#include "usd/namespace/PathValues.h"
 
 namespace usdlive::naming {
 

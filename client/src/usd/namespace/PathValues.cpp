@@ -1,5 +1,5 @@
 // Finds and replaces paths in field values, with the value transforms of Vt.
-#include "PathValues.h"
+#include "usd/namespace/PathValues.h"
 
 #include <pxr/base/vt/array.h>
 #include <pxr/base/vt/dictionary.h>

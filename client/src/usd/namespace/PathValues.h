@@ -8,7 +8,7 @@
 
 #include <set>
 
-#include "MoveSteps.h"
+#include "usd/namespace/MoveSteps.h"
 
 namespace usdlive::naming {
 

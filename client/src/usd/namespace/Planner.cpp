@@ -1,5 +1,5 @@
 // Plans one namespace edit with Pcp, and adds the cases that Pcp leaves out.
-#include "Planner.h"
+#include "usd/namespace/Planner.h"
 
 #include <pxr/base/tf/errorMark.h>
 #include <pxr/usd/pcp/dependentNamespaceEditUtils.h>
@@ -9,7 +9,7 @@
 
 #include <algorithm>
 
-#include "VariantSites.h"
+#include "usd/namespace/VariantSites.h"
 
 namespace usdlive::naming {
 

@@ -12,8 +12,8 @@
 #include <string>
 #include <vector>
 
-#include "ComposedStage.h"
-#include "PathValues.h"
+#include "usd/namespace/ComposedStage.h"
+#include "usd/namespace/PathValues.h"
 #include "usdlive/client/usd/namespace/NamespaceEditor.h"
 
 namespace usdlive::naming {

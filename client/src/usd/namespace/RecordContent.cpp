@@ -1,5 +1,5 @@
 // Undoes namespace edits by moving specs back, so that later changes of other editors are kept.
-#include "RecordContent.h"
+#include "usd/namespace/RecordContent.h"
 
 #include <pxr/usd/sdf/changeBlock.h>
 #include <pxr/usd/sdf/copyUtils.h>
@@ -10,10 +10,10 @@
 #include <memory>
 #include <ranges>
 
-#include "SpecMoves.h"
 #include "usd/content/LayerEdits.h"
 #include "usd/content/ListMerge.h"
 #include "usd/content/SpecEdits.h"
+#include "usd/namespace/SpecMoves.h"
 #include "usdlive/client/usd/Misuse.h"
 #include "usdlive/client/usd/content/Registers.h"
 

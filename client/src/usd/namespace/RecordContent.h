@@ -8,7 +8,7 @@
 #include <utility>
 #include <vector>
 
-#include "Application.h"
+#include "usd/namespace/Application.h"
 #include "usdlive/client/usd/namespace/NamespaceEditor.h"
 
 namespace usdlive {

@@ -1,6 +1,6 @@
 // Tries the edits of a batch on copies. A real composition validates each edit, and no layer of a
 // stage changes before all edits are valid.
-#include "ScratchStages.h"
+#include "usd/namespace/ScratchStages.h"
 
 #include <pxr/base/tf/stringUtils.h>
 #include <pxr/usd/pcp/expressionVariables.h>
@@ -17,7 +17,7 @@
 #include <optional>
 #include <set>
 
-#include "SpecMoves.h"
+#include "usd/namespace/SpecMoves.h"
 #include "usdlive/common/usd/LayerFill.h"
 
 namespace usdlive::naming {

@@ -8,8 +8,8 @@
 #include <string>
 #include <vector>
 
-#include "ComposedStage.h"
-#include "Planner.h"
+#include "usd/namespace/ComposedStage.h"
+#include "usd/namespace/Planner.h"
 
 namespace usdlive::naming {
 

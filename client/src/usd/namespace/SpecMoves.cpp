@@ -1,5 +1,5 @@
 // Moves and deletes specs within one layer, many at a time.
-#include "SpecMoves.h"
+#include "usd/namespace/SpecMoves.h"
 
 #include <pxr/usd/sdf/layerStateDelegate.h>
 #include <pxr/usd/sdf/primSpec.h>

@@ -3,7 +3,7 @@
 
 #include <pxr/usd/sdf/layer.h>
 
-#include "MoveSteps.h"
+#include "usd/namespace/MoveSteps.h"
 
 namespace usdlive::naming {
 

@@ -1,5 +1,5 @@
 // Finds the specs of an object inside all variants of a layer.
-#include "VariantSites.h"
+#include "usd/namespace/VariantSites.h"
 
 #include <pxr/usd/sdf/primSpec.h>
 #include <pxr/usd/sdf/proxyTypes.h>

@@ -7,7 +7,7 @@
 
 #include <vector>
 
-#include "PathValues.h"
+#include "usd/namespace/PathValues.h"
 
 namespace usdlive::naming {
 

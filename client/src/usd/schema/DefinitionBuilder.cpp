@@ -1,5 +1,5 @@
 // Builds prim definitions from the classes of generatedSchema.usda and from applied API schemas.
-#include "DefinitionBuilder.h"
+#include "usd/schema/DefinitionBuilder.h"
 
 #include <pxr/base/tf/getenv.h>
 #include <pxr/base/tf/stringUtils.h>

@@ -10,7 +10,7 @@
 #include <utility>
 #include <vector>
 
-#include "SchemaPlugins.h"
+#include "usd/schema/SchemaPlugins.h"
 #include "usdlive/client/usd/schema/PrimDefinition.h"
 
 namespace usdlive::schema {

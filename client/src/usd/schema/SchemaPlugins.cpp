@@ -1,6 +1,6 @@
 // Reads the descriptions of schemas in plugInfo.json files. Malformed metadata is ignored and
 // reported, so that one broken plug-in does not affect the others.
-#include "SchemaPlugins.h"
+#include "usd/schema/SchemaPlugins.h"
 
 #include <pxr/base/js/value.h>
 #include <pxr/base/plug/plugin.h>

@@ -10,8 +10,8 @@
 #include <mutex>
 #include <shared_mutex>
 
-#include "DefinitionBuilder.h"
-#include "SchemaPlugins.h"
+#include "usd/schema/DefinitionBuilder.h"
+#include "usd/schema/SchemaPlugins.h"
 #include "usdlive/common/usd/TfComplaints.h"
 
 namespace usdlive::schema {

@@ -15,9 +15,9 @@
 #include <typeinfo>
 #include <utility>
 
-#include "Clips.h"
-#include "Interpolate.h"
 #include "usd/content/MappedValue.h"
+#include "usd/stage/Clips.h"
+#include "usd/stage/Interpolate.h"
 
 namespace usdlive::stage {
 

@@ -1,5 +1,5 @@
 // Composes clip sets and reads their values.
-#include "Clips.h"
+#include "usd/stage/Clips.h"
 
 #include <pxr/base/gf/math.h>
 #include <pxr/base/tf/diagnostic.h>
@@ -20,9 +20,9 @@
 #include <tuple>
 #include <utility>
 
-#include "Interpolate.h"
-#include "Opinions.h"
 #include "usd/stage/DepthGuard.h"
+#include "usd/stage/Interpolate.h"
+#include "usd/stage/Opinions.h"
 #include "usdlive/client/usd/stage/ValueSite.h"
 
 namespace usdlive::stage {

@@ -13,7 +13,7 @@
 #include <optional>
 #include <string>
 
-#include "Opinions.h"
+#include "usd/stage/Opinions.h"
 #include "usdlive/client/usd/stage/Stage.h"
 
 namespace usdlive::stage {

@@ -1,5 +1,5 @@
 // Interpolates between two values of any type that OpenUSD interpolates.
-#include "Interpolate.h"
+#include "usd/stage/Interpolate.h"
 
 #include <pxr/base/gf/math.h>
 #include <pxr/base/gf/matrix2d.h>

@@ -1,5 +1,5 @@
 // Reads the kinds of models from the metadata of plug-ins.
-#include "Kinds.h"
+#include "usd/stage/Kinds.h"
 
 #include <pxr/base/js/value.h>
 #include <pxr/base/plug/plugin.h>

@@ -1,5 +1,5 @@
 // Composes metadata fields, specifiers and type names from the opinions of all sites.
-#include "Opinions.h"
+#include "usd/stage/Opinions.h"
 
 #include <pxr/base/vt/array.h>
 #include <pxr/base/vt/dictionary.h>

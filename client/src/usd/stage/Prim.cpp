@@ -10,8 +10,8 @@
 #include <set>
 #include <unordered_set>
 
-#include "Opinions.h"
-#include "StageState.h"
+#include "usd/stage/Opinions.h"
+#include "usd/stage/StageState.h"
 #include "usdlive/client/usd/schema/PrimDefinition.h"
 
 namespace usdlive::stage {

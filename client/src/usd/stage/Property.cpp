@@ -8,10 +8,10 @@
 
 #include <algorithm>
 
-#include "Opinions.h"
-#include "StageState.h"
 #include "usd/content/PathListItems.h"
 #include "usd/stage/DepthGuard.h"
+#include "usd/stage/Opinions.h"
+#include "usd/stage/StageState.h"
 #include "usdlive/client/usd/schema/PrimDefinition.h"
 
 namespace usdlive::stage {

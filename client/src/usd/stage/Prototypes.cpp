@@ -1,5 +1,5 @@
 // Assigns prototypes to instances, and sources to prototypes.
-#include "Prototypes.h"
+#include "usd/stage/Prototypes.h"
 
 #include <algorithm>
 #include <string>

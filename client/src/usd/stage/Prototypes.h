@@ -10,8 +10,8 @@
 #include <unordered_map>
 #include <vector>
 
-#include "Clips.h"
-#include "PrimNode.h"
+#include "usd/stage/Clips.h"
+#include "usd/stage/PrimNode.h"
 #include "usdlive/client/usd/stage/LoadRules.h"
 #include "usdlive/client/usd/stage/PopulationMask.h"
 

@@ -1,6 +1,6 @@
 // Gives Python's lock away for a while. Built with Python support, without which Tf's macro is
 // empty.
-#include "PythonLock.h"
+#include "usd/stage/PythonLock.h"
 
 #include <pxr/base/tf/pyLock.h>
 

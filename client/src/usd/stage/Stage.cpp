@@ -8,8 +8,8 @@
 
 #include <algorithm>
 
-#include "Opinions.h"
-#include "StageState.h"
+#include "usd/stage/Opinions.h"
+#include "usd/stage/StageState.h"
 #include "usdlive/client/usd/schema/SchemaRegistry.h"
 
 namespace usdlive::stage {

@@ -1,5 +1,5 @@
 // Composes the tree of a stage's prims.
-#include "StageState.h"
+#include "usd/stage/StageState.h"
 
 #include <pxr/base/work/loops.h>
 #include <pxr/usd/ar/resolverContextBinder.h>
@@ -11,8 +11,8 @@
 #include <algorithm>
 #include <utility>
 
-#include "Opinions.h"
-#include "PythonLock.h"
+#include "usd/stage/Opinions.h"
+#include "usd/stage/PythonLock.h"
 #include "usdlive/client/usd/schema/PrimDefinition.h"
 #include "usdlive/client/usd/schema/SchemaRegistry.h"
 

@@ -13,11 +13,11 @@
 #include <unordered_map>
 #include <vector>
 
-#include "Clips.h"
-#include "Kinds.h"
-#include "PrimNode.h"
-#include "Prototypes.h"
+#include "usd/stage/Clips.h"
 #include "usd/stage/Composition.h"
+#include "usd/stage/Kinds.h"
+#include "usd/stage/PrimNode.h"
+#include "usd/stage/Prototypes.h"
 #include "usdlive/client/usd/stage/Stage.h"
 
 namespace usdlive::stage {

@@ -10,8 +10,8 @@
 #include <optional>
 #include <utility>
 
-#include "Opinions.h"
-#include "StageState.h"
+#include "usd/stage/Opinions.h"
+#include "usd/stage/StageState.h"
 
 namespace usdlive::stage {
 

@@ -8,7 +8,7 @@
 namespace usdlive::test {
 
 /// Big values in memory.
-class MemoryBlobs : public usd::BlobSink, public usd::BlobSource {
+class MemoryBlobs : public BlobSink, public BlobSource {
 public:
     void keepBlob(const Hash& hash, SharedBytes bytes) override {
         all.insert_or_assign(hash, std::move(bytes));

@@ -34,7 +34,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-class FakeBlobs : public BlobStore, public usd::BlobSink, public usd::BlobSource {
+class FakeBlobs : public BlobStore, public BlobSink, public BlobSource {
 public:
     bool has(const Hash& hash) const override {
         if (onQuery) onQuery();

@@ -7,29 +7,18 @@
 #include <functional>
 #include <optional>
 
+#include "usdlive/common/layer/Blobs.h"
 #include "usdlive/common/layer/FieldValue.h"
 
 namespace usdlive::usd {
 
-/// Provides the bytes of big values (V9). Called on the thread that calls the codec.
-class BlobSource {
+/// Arrays that were encoded before.
+class EncodedArrays {
 public:
-    virtual ~BlobSource() = default;
-    /// Returns nullptr if the bytes are not available (yet).
-    [[nodiscard]] virtual SharedBytes blob(const Hash& hash) = 0;
-};
-class BlobSink {
-public:
-    virtual ~BlobSink() = default;
-    /// Returns false if the bytes of this value are not needed. keepBlob() may still be called.
-    [[nodiscard]] virtual bool wantsBlob(const Hash& /*hash*/) { return true; }
-    /// Stores the bytes of a big value. Their SHA-256 is `hash`.
-    virtual void keepBlob(const Hash& hash, SharedBytes bytes) = 0;
+    virtual ~EncodedArrays() = default;
     /// Returns the result of encodeLeaf() for this array if it is known already and its bytes are
     /// stored.
-    [[nodiscard]] virtual std::optional<Value> encoded(const pxr::VtValue& /*array*/) {
-        return std::nullopt;
-    }
+    [[nodiscard]] virtual std::optional<Value> encoded(const pxr::VtValue& array) = 0;
 };
 
 /// Encodes the content of a field for the protocol. A leaf of at least kBigValueBytes becomes a

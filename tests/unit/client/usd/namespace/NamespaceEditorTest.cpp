@@ -21,7 +21,7 @@
 
 #include "unit/Seeds.h"
 #include "unit/client/usd/MemoryServer.h"
-#include "usd/ClientInternals.h"
+#include "usd/editor/ClientInternals.h"
 #include "usdlive/client/usd/Client.h"
 #include "usdlive/client/usd/Misuse.h"
 #include "usdlive/common/usd/SdfLayerStore.h"
@@ -292,7 +292,7 @@ private:
 };
 
 LayerDoc docOfText(const std::string& text) {
-    class Blobs final : public usd::BlobSink {
+    class Blobs final : public BlobSink {
         [[nodiscard]] bool wantsBlob(const Hash&) override { return false; }
         void keepBlob(const Hash&, SharedBytes) override {}
     } none;
