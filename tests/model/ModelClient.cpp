@@ -53,11 +53,11 @@ static void digest(Digest& out, const Incoming& part) {
     // The content of a snapshot follows from its revision.
     out(request, opened ? encodeControl(*opened) : "", content.has_value());
 }
-static void digest(Digest& out, const Joining& part) {
+static void digest(Digest& out, const OpenedLayers::Joining& part) {
     const auto& [snapshot, later, again] = part;
     out(snapshot, later, again);
 }
-static void digest(Digest& out, const Session::Impl::OpenedLayer& part) {
+static void digest(Digest& out, const OpenedLayers::Opened& part) {
     const auto& [wanted, joining] = part;
     out(wanted, joining);
 }
@@ -83,27 +83,26 @@ static void digest(Digest& out, const Result<Received>& part) {
     digest(out, *part);
 }
 
-static void digest(Digest& out, const Session::Impl::Missed& part) {
+static void digest(Digest& out, const MissedWork::Work& part) {
     const auto& [revision, pending, asked] = part;
     out(revision, pending, asked);
 }
-static void digest(Digest& out, const Session::Impl::LogReader& part) {
-    out(part.request, part.begun);
-}
+static void digest(Digest& out, const Requests::LogReader& part) { out(part.request, part.begun); }
 
 // Left out: parts that the model does not use (gestures and previews, big values, peeks, saves, a
 // prediction that is not finished within a tick), parts that follow from the rest of the pending
 // work, the events, which are taken at once, and the parts of the welcome that are always the same.
 static void digest(Digest& out, const Session::Impl& part) {
-    out(part.welcome_.has_value(), part.welcome_ ? part.welcome_->revision : Revision(0),
-        part.revision_, part.pending_.pending_, part.pending_.lastSequence_, part.online_,
-        part.linked_, part.inbox_, part.requests_.last_, part.hasHistory_, part.epoch_,
-        part.commitEpoch_, part.hash_, part.confirmed_, part.log_, part.creations_, part.layers_,
-        part.joinAgainAt_.size(), part.frozen_, part.prediction_, part.dirty_, part.resets_,
-        part.missed_, part.logs_, part.diverged_, part.forgotten_.has_value(),
-        part.held_.has_value(), part.held_ && part.held_->tried, part.store_,
-        part.other_.has_value(), part.accepted_.has_value(),
-        part.abandoned_ ? part.abandoned_->docs : LayerDocs{},
+    const auto& welcome = part.channel_.welcome();
+    const auto& held = part.submissions_.held_;
+    out(welcome.has_value(), welcome ? welcome->revision : Revision(0), part.revision_,
+        part.pending_.pending_, part.pending_.lastSequence_, part.channel_.isOnline(), part.linked_,
+        part.inbox_, part.requests_.last_, part.hasHistory_, part.epoch_, part.commitEpoch_,
+        part.hash_, part.confirmed_, part.log_, part.creations_, part.opened_.layers_,
+        part.opened_.askAgainAt_.size(), part.frozen_, part.prediction_, part.dirty_, part.resets_,
+        part.missed_.works_, part.requests_.logs_, part.diverged_, part.forgotten_.has_value(),
+        held.has_value(), held && held->tried, part.store_, part.other_.has_value(),
+        part.accepted_.has_value(), part.abandoned_ ? part.abandoned_->docs : LayerDocs{},
         part.unanswered_ ? part.unanswered_->since : Revision(0),
         part.unanswered_ ? part.unanswered_->last : std::uint64_t(0));
 }
@@ -162,7 +161,7 @@ ModelClient::Summary ModelClient::summary() const {
             .upToDate = session_.pendingTransactions() == 0 &&
                         (!wanted_ || (confirmed && *confirmed == editor_)),
             .revision = session_.revision(),
-            .holds = session_.impl_->held_.has_value(),
+            .holds = session_.impl_->submissions_.held_.has_value(),
             .hash = session_.impl_->hash_,
             .confirmed = confirmed ? sha256(asBytes(confirmed->dump())) : Hash{},
             .written = written_,
@@ -179,7 +178,7 @@ Labels ModelClient::pendingLabels() const {
             if (const auto label = labelOf(edit.action)) labels |= 1u << *label;
     };
     for (const Pending& pending : session_.impl_->pending_) add(pending);
-    for (const Session::Impl::Missed& missed : session_.impl_->missed_) add(missed.pending);
+    session_.impl_->missed_.forEach(add);
     return labels;
 }
 

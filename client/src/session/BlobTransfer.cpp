@@ -161,11 +161,11 @@ void BlobUploads::refused(const Hash& hash, ErrorCode why, std::int64_t nowMs) {
 
 // ---- downloads
 
-bool BlobDownloads::want(const Hash& hash, bool lasting, bool online) {
+void BlobDownloads::want(const Hash& hash, bool lasting) {
     Wanted& wanted = wanted_[hash];
     wanted.lasting = wanted.lasting || lasting;
-    if (!online || wanted.failures > 0) return false;  // due() returns it later
-    return !std::exchange(wanted.asked, true);
+    if (!channel_.isOnline() || wanted.failures > 0) return;  // requestDue() does it later
+    if (!std::exchange(wanted.asked, true)) channel_.send(RequestBlob{hash, wanted.here});
 }
 
 BlobDownloads::Done BlobDownloads::arrived(const Hash& hash) {
@@ -191,9 +191,7 @@ BlobDownloads::Done BlobDownloads::failed(const Hash& hash, std::int64_t nowMs) 
     return {Outcome::TriedAgain, true, ++wanted.failures == 1};
 }
 
-std::vector<Hash> BlobDownloads::due(std::int64_t nowMs,
-                                     const std::function<bool(const Hash&)>& needed) {
-    std::vector<Hash> due;
+void BlobDownloads::requestDue(std::int64_t nowMs, const std::function<bool(const Hash&)>& needed) {
     for (auto entry = wanted_.begin(); entry != wanted_.end();) {
         auto& [hash, wanted] = *entry;
         if (wanted.asked || wanted.notBeforeMs > nowMs) {
@@ -202,11 +200,10 @@ std::vector<Hash> BlobDownloads::due(std::int64_t nowMs,
             entry = wanted_.erase(entry);
         } else {
             wanted.asked = true;
-            due.push_back(hash);
+            channel_.send(RequestBlob{hash, wanted.here});
             ++entry;
         }
     }
-    return due;
 }
 
 void BlobDownloads::disconnected() {

@@ -9,6 +9,7 @@
 #include <set>
 #include <vector>
 
+#include "session/Channel.h"
 #include "session/MessageReader.h"
 #include "session/Pending.h"
 #include "session/Session.h"
@@ -108,9 +109,11 @@ private:
 /// Downloads big values from the server.
 class BlobDownloads {
 public:
-    /// Adds a value. Returns true if the caller has to request it now. `lasting`: it is requested
-    /// again until it has arrived or nobody needs it (B5); otherwise only while a preview waits.
-    [[nodiscard]] bool want(const Hash& hash, bool lasting, bool online);
+    explicit BlobDownloads(Channel& channel) : channel_(channel) {}
+
+    /// Requests a value, now or when there is a connection. `lasting`: it is requested again until
+    /// it has arrived or nobody needs it (B5); otherwise only while a preview waits.
+    void want(const Hash& hash, bool lasting);
     [[nodiscard]] bool isAsked(const Hash& hash) const {
         const auto found = wanted_.find(hash);
         return found != wanted_.end() && found->second.asked;
@@ -124,19 +127,12 @@ public:
     };
     Done arrived(const Hash& hash);
     Done failed(const Hash& hash, std::int64_t nowMs);
-    /// Returns the values that have to be requested again now. `needed` says whether one is still
-    /// needed.
-    [[nodiscard]] std::vector<Hash> due(std::int64_t nowMs,
-                                        const std::function<bool(const Hash&)>& needed);
+    /// Requests again what is due. `needed` says whether a value is still needed.
+    void requestDue(std::int64_t nowMs, const std::function<bool(const Hash&)>& needed);
     /// Called when a part has arrived; `bytes` of the value are here.
     void progressed(const Hash& hash, std::uint64_t bytes) {
         if (const auto found = wanted_.find(hash); found != wanted_.end())
             found->second.here = bytes;
-    }
-    /// Returns the bytes of the value that are here, from which on it is requested (TL3).
-    [[nodiscard]] std::uint64_t here(const Hash& hash) const {
-        const auto found = wanted_.find(hash);
-        return found == wanted_.end() ? 0 : found->second.here;
     }
     /// Called when the connection is lost. The next one requests all lasting values again.
     void disconnected();
@@ -147,10 +143,11 @@ private:
         bool asked = false;
         int failures = 0;
         std::int64_t notBeforeMs = 0;
-        std::uint64_t here = 0;  ///< bytes
+        std::uint64_t here = 0;  ///< bytes, from which on it is requested (TL3)
     };
     static constexpr std::int64_t kFirstPauseMs = 100, kLongestPauseMs = 10'000;
 
+    Channel& channel_;
     std::map<Hash, Wanted> wanted_;
 };
 

@@ -23,7 +23,7 @@ Session::Options withClock(Session::Options options) {
 }  // namespace
 
 Session::Impl::Impl(Options options, SessionHost& host, LayerView& editor)
-    : options_(withClock(std::move(options))), host_(host), editor_(editor), uploads_(host) {
+    : options_(withClock(std::move(options))), host_(host), editor_(editor) {
     pending_.onAdd = [this](const Pending& pending) { reportPending(pending); };
     pending_.onTake = [this](std::uint64_t sequence) { host_.answered(sequence); };
 }
@@ -32,40 +32,20 @@ void Session::Impl::reportPending(const Pending& pending) {
     host_.pending({pending.transaction.id.sequence, revision_, hash_, store_, pending.authored});
 }
 
-void Session::Impl::report(Error error, ErrorMessage about) {
-    about.code = errorName(error.code);
-    about.message = std::move(error.message);
-    events_.push_back(event::ServerError{std::move(about)});
-}
-
 // ---- layers
 
 void Session::Impl::openLayer(const LayerId& layer) {
-    const auto [entry, added] = layers_.try_emplace(layer);
-    OpenedLayer& opened = entry->second;
-    if (!added) {
-        if (!opened.wanted && !opened.joining) resets_.insert(layer);
-        opened.wanted = true;
-        closed_.erase(layer);
-        return;
-    }
-    opened.joining.emplace();
-    if (online_) join(layer);
+    if (opened_.open(layer)) resets_.insert(layer);
 }
 
 void Session::Impl::closeLayer(const LayerId& layer) {
-    const auto entry = layers_.find(layer);
-    if (entry == layers_.end()) return;
-    entry->second.wanted = false;
-    closed_.insert(layer);
+    opened_.close(layer);
     resets_.erase(layer);
 }
 
 bool Session::Impl::isJoined(const LayerId& layer) const {
-    const auto entry = layers_.find(layer);
-    if (entry == layers_.end() || !entry->second.wanted) return false;
-    if (frozen_) return frozen_->views.contains(layer);
-    return !entry->second.joining;
+    if (frozen_) return opened_.isWanted(layer) && frozen_->views.contains(layer);
+    return opened_.isJoined(layer);
 }
 
 const LayerDoc* Session::Impl::view(const LayerId& layer) const {
@@ -78,10 +58,6 @@ const LayerDoc* Session::Impl::confirmed(const LayerId& layer) const {
     return isJoined(layer) && entry != confirmed_.end() ? &entry->second : nullptr;
 }
 
-void Session::Impl::requestBlob(const Hash& hash) {
-    if (downloads_.want(hash, true, online_)) requestBlobs({hash});
-}
-
 std::set<Hash> Session::Impl::namedBlobs() const {
     std::set<Hash> named;
     const auto add = [&](const Pending& pending) {
@@ -89,7 +65,7 @@ std::set<Hash> Session::Impl::namedBlobs() const {
             forEachBlob(edit.action, [&](const Value& blob) { named.insert(blob.hash()); });
     };
     for (const Pending& pending : pending_) add(pending);
-    for (const Missed& missed : missed_) add(missed.pending);
+    missed_.forEach(add);
     if (gesture_) add(gesture_->pending);
     return named;
 }
@@ -121,9 +97,11 @@ void Session::peek(const LayerId& layer, Revision revision,
 }
 void Session::requestLog(Revision from, Revision to, std::function<void(const Commit&)> each,
                          std::function<void(Result<void>)> done) {
-    impl_->requestLog(from, to, std::move(each), std::move(done));
+    impl_->requests_.requestLog(from, to, std::move(each), std::move(done));
 }
-std::uint64_t Session::request(AnyRequest request) { return impl_->request(std::move(request)); }
+std::uint64_t Session::request(AnyRequest request) {
+    return impl_->requests_.request(std::move(request));
+}
 
 void Session::author(std::vector<AuthoredEdit> edits) { impl_->author(std::move(edits)); }
 void Session::setNextSequence(std::uint64_t sequence) { impl_->pending_.setNextSequence(sequence); }
@@ -134,24 +112,26 @@ bool Session::inGesture() const { return impl_->gesture_.has_value(); }
 bool Session::advance(double budgetMs, std::int64_t nowMs) {
     return impl_->advance(budgetMs, nowMs);
 }
-std::vector<Event> Session::takeEvents() { return std::exchange(impl_->events_, {}); }
+std::vector<Event> Session::takeEvents() { return impl_->events_.take(); }
 
-bool Session::isConnected() const { return impl_->online_; }
+bool Session::isConnected() const { return impl_->channel_.isOnline(); }
 Revision Session::revision() const { return impl_->revision_; }
-const std::map<LayerId, LayerState>& Session::layerStates() const { return impl_->layerStates_; }
+const std::map<LayerId, LayerState>& Session::layerStates() const {
+    return impl_->listed_.states();
+}
 Result<void> Session::showPresence(Presence presence) {
-    return impl_->showPresence(std::move(presence));
+    return impl_->people_.show(std::move(presence));
 }
-void Session::hidePresence() { impl_->hidePresence(); }
-const std::map<ClientId, Presence>& Session::presences() const { return impl_->presences_; }
+void Session::hidePresence() { impl_->people_.hide(); }
+const std::map<ClientId, Presence>& Session::presences() const { return impl_->people_.others(); }
 std::size_t Session::pendingTransactions() const {
-    return impl_->pending_.size() + impl_->missed();
+    return impl_->pending_.size() + impl_->missed_.size();
 }
-std::uint64_t Session::writtenAgain() const { return impl_->writtenAgain(); }
-const std::optional<Welcome>& Session::welcome() const { return impl_->welcome_; }
-const std::set<LayerId>& Session::projectLayers() const { return impl_->projectLayers_; }
+std::uint64_t Session::writtenAgain() const { return impl_->writtenAgain_; }
+const std::optional<Welcome>& Session::welcome() const { return impl_->channel_.welcome(); }
+const std::set<LayerId>& Session::projectLayers() const { return impl_->listed_.all(); }
 const ClientId& Session::id() const { return impl_->options_.client; }
-void Session::requestBlob(const Hash& hash) { impl_->requestBlob(hash); }
+void Session::requestBlob(const Hash& hash) { impl_->downloads_.want(hash, true); }
 std::set<Hash> Session::namedBlobs() const { return impl_->namedBlobs(); }
 
 }  // namespace usdlive::client

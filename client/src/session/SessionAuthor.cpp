@@ -28,7 +28,7 @@ void Session::Impl::author(std::vector<AuthoredEdit> edits) {
     if (!gesture_ && pending_.unsent() >= most) {
         Repairs repairs;
         for (const AuthoredEdit& edit : edits) repairs.resets.insert(edit.layer);
-        events_.push_back(event::Lost{
+        events_.push(event::Lost{
             {.sequence = 0,
              .gesture = 0,
              .reason = {ErrorCode::NotConnected,
@@ -64,7 +64,7 @@ void Session::Impl::author(std::vector<AuthoredEdit> edits) {
         rebuild();
     }
     checkPrediction();
-    if (!lost.edits.empty()) events_.push_back(event::Lost{std::move(lost)});
+    if (!lost.edits.empty()) events_.push(event::Lost{std::move(lost)});
 }
 
 // SE15: new values replace those of an unsent transaction that sets the same registers. So a client
@@ -73,7 +73,7 @@ bool Session::Impl::writeAgain(std::vector<AuthoredEdit>& edits) {
     if (gesture_ || frozen_ || dirty_) return false;
     Pending* pending = pending_.writtenAgainBy(edits);
     if (!pending || !pending->prognosis.complete) return false;
-    rebase(*pending);
+    addresses_.rebase(*pending);
     Transaction& transaction = pending->transaction;
     const auto number = [&](std::size_t index) {
         return Creation{transaction.id.sequence, std::uint32_t(index)};
@@ -83,7 +83,7 @@ bool Session::Impl::writeAgain(std::vector<AuthoredEdit>& edits) {
     for (std::size_t index = 0; index < edits.size(); ++index) {
         auto addressed = prediction_.addressed(edits[index]);
         if (!addressed) return false;
-        readdress(*addressed, prediction_.openedAt(addressed->layer), number(index));
+        addresses_.renew(*addressed, prediction_.openedAt(addressed->layer), number(index));
         if (addressed->address != transaction.edits[index].address) return false;
         names.push_back(std::move(addressed->names));
     }
@@ -109,7 +109,7 @@ bool Session::Impl::writeAgain(std::vector<AuthoredEdit>& edits) {
     reportPending(*pending);
     checkPrediction();
     if (!lost.edits.empty()) {
-        events_.push_back(event::Lost{std::move(lost)});
+        events_.push(event::Lost{std::move(lost)});
         repair(repairs);
     }
     return true;
@@ -173,7 +173,7 @@ Result<Edit> Session::Impl::predictEdit(Pending& pending, const AuthoredEdit& ed
         std::holds_alternative<CreateSpec>(edit.action) && doc && doc->has(edit.path);
     auto addressed = prediction_.author(edit, number, pending.prognosis);
     if (addressed && exists) createdExisting_ = true;
-    if (addressed) readdress(*addressed, prediction_.openedAt(edit.layer), number);
+    if (addressed) addresses_.renew(*addressed, prediction_.openedAt(edit.layer), number);
     return addressed;
 }
 
@@ -220,7 +220,7 @@ void Session::Impl::endGesture() {
         return;
     }
     host_.answered(ended.pending.transaction.id.sequence);
-    if (ended.isKnown()) withdrawPreview(ended.pending.transaction.gesture);
+    if (ended.isKnown()) ownPreviews_.withdraw(ended.pending.transaction.gesture, revision_);
 }
 
 }  // namespace usdlive::client

@@ -14,9 +14,6 @@ constexpr Revision kPrunedAtOnce = 64;
 // How often a refused transaction is corrected and sent again before it is lost.
 constexpr int kMaxAttempts = 5;
 
-// Pauses before transactions are sent again that were refused for a reason that passes (SE21).
-constexpr std::int64_t kFirstPauseMs = 500, kLongestPauseMs = 4'000;
-
 // Number of own structural edits that are committed before the prediction is computed again, which
 // drops its notes about them.
 constexpr std::size_t kAnsweredKept = 4'096;
@@ -48,21 +45,16 @@ void Session::Impl::apply(const Commit& commit) {
     const bool mine = commit.id.client == options_.client;
     const Pending* own = mine ? pending_.find(commit.id.sequence) : nullptr;
 
-    const std::pair gesture{commit.id.client, commit.gesture};
-    if (commit.gesture != 0 && previews_.erase(gesture) > 0) {
-        previewsChanged();
-        events_.push_back(event::PreviewChanged{gesture.first, gesture.second, true});
-    }
+    if (commit.gesture != 0) previews_.committed(commit.id.client, commit.gesture);
     if (!mine && commit.firstUnseen != 0) committed_.follow(log_, commit.firstUnseen);
     Prediction* current = frozen_ ? nullptr : follow(commit, own);
     const auto applied = applyCommit(confirmed_, log_, commit);
-    keepForLater(commit);
+    opened_.received(commit);
     if (!applied) {
-        report({applied.error().code,
-                "this copy has diverged and is fetched again: " + applied.error().message});
+        events_.report({applied.error().code,
+                        "this copy has diverged and is fetched again: " + applied.error().message});
         freeze();
-        for (auto& [layer, opened] : layers_)
-            if (opened.joining) join(layer);
+        opened_.joinAll();
         return;
     }
     if (!mine)
@@ -73,14 +65,8 @@ void Session::Impl::apply(const Commit& commit) {
     if (mine)
         acknowledge(commit, current);
     else if (auto lost = committed_.takenBy(log_, commit))
-        events_.push_back(event::Lost{*std::move(lost)});
+        events_.push(event::Lost{*std::move(lost)});
     prune();
-}
-
-void Session::Impl::keepForLater(const Commit& commit) {
-    for (const Edit& edit : commit.edits)
-        if (Joining* joining = joiningOf(edit.layer))
-            joining->later.emplace_back(commit.revision, edit);
 }
 
 bool Session::Impl::isPending(std::uint64_t sequence) const {
@@ -99,7 +85,7 @@ Prediction* Session::Impl::follow(const Commit& commit, const Pending* own) {
     if (own) {
         const bool next = pending_.isFirst(commit.id.sequence) && (!rebuild_ || rebuild_->done > 0);
         canGoOn = canGoOn && next && !current.previewsChangeNames() && asPredicted(*own, commit);
-        holds = next && previews_.empty() && asPredicted(*own, commit);
+        holds = next && previews_.isEmpty() && asPredicted(*own, commit);
     } else {
         for (const Edit& edit : commit.edits) {
             if (!confirmed_.contains(edit.layer)) continue;
@@ -144,12 +130,12 @@ void Session::Impl::applyToEditor(const Commit& commit, bool own, Prediction* cu
 void Session::Impl::acknowledge(const Commit& commit, Prediction* current) {
     auto pending = pending_.take(commit.id.sequence);
     if (!pending) return;
-    held_.reset();
+    submissions_.answered();
     if (current) current->acknowledge(commit.id.sequence, pending->prognosis);
     if (rebuild_) --rebuild_->done;
     for (const Value& blob : pending->blobs) uploads_.stored(blob.hash());
     recordCreations(creations_, log_, pending->transaction, commit);
-    if (!commit.dropped.empty()) reportDropped(*pending, commit);
+    if (!commit.dropped.empty()) events_.reportDropped(*pending, commit);
     const auto& edits = pending->transaction.edits;
     answered_ += std::size_t(std::count_if(edits.begin(), edits.end(), [](const Edit& edit) {
         return fieldOf(edit.action) == nullptr;
@@ -161,7 +147,7 @@ void Session::Impl::acknowledge(const Commit& commit, Prediction* current) {
             restartPrediction();
         return;
     }
-    if (dirty_ || frozen_ || gesture_ || !previews_.empty()) {
+    if (dirty_ || frozen_ || gesture_ || !previews_.isEmpty()) {
         restartPrediction();
     } else {  // the views are the confirmed docs again
         checkPrediction();
@@ -171,27 +157,14 @@ void Session::Impl::acknowledge(const Commit& commit, Prediction* current) {
     if (!gesture_) creations_ = {};
 }
 
-void Session::Impl::reportDropped(const Pending& pending, const Commit& commit) {
-    LostWork work{.sequence = commit.id.sequence,
-                  .gesture = commit.gesture,
-                  .reason = {commit.dropped.front().reason,
-                             std::string(errorText(commit.dropped.front().reason))},
-                  .refused = false,
-                  .edits = {}};
-    for (const DroppedEdit& dropped : commit.dropped)
-        if (dropped.index < pending.authored.size())
-            work.edits.push_back(pending.authored[dropped.index]);
-    events_.push_back(event::Lost{std::move(work)});
-}
-
 void Session::Impl::lose(Pending pending, Error reason) {
     host_.answered(pending.transaction.id.sequence);
-    withdrawPreview(pending.transaction.gesture);
-    events_.push_back(event::Lost{{.sequence = pending.transaction.id.sequence,
-                                   .gesture = pending.transaction.gesture,
-                                   .reason = std::move(reason),
-                                   .refused = true,
-                                   .edits = std::move(pending.authored)}});
+    ownPreviews_.withdraw(pending.transaction.gesture, revision_);
+    events_.push(event::Lost{{.sequence = pending.transaction.id.sequence,
+                              .gesture = pending.transaction.gesture,
+                              .reason = std::move(reason),
+                              .refused = true,
+                              .edits = std::move(pending.authored)}});
     restartPrediction();
 }
 
@@ -208,24 +181,6 @@ bool Session::Impl::resubmit(std::uint64_t sequence) {
     return true;
 }
 
-// SE21: the transaction stays pending. The server also refuses all later ones until one of the
-// refused ones is sent again, so that their order is kept.
-void Session::Impl::hold(std::uint64_t sequence, const Error& reason) {
-    Pending* pending = pending_.find(sequence);
-    if (!pending) return;
-    pending_.markUnsent(*pending);
-    pending->everSent = false;  // the server does not have it
-    if (!held_)
-        report({reason.code, reason.message +
-                                 ". What you wrote is kept, and is sent again when this has "
-                                 "passed"});
-    else if (!held_->tried)
-        return;  // it was sent before the first refusal arrived
-    const std::int64_t pause =
-        held_ ? std::min(2 * held_->pauseMs, kLongestPauseMs) : kFirstPauseMs;
-    held_ = Held{pause, nowMs_ + pause};
-}
-
 void Session::Impl::prune() {
     const Revision kept = revision_ > kPreviewsBehind ? revision_ - kPreviewsBehind : 0;
     if (kept < log_.oldest() + kPrunedAtOnce) return;
@@ -240,39 +195,17 @@ void Session::Impl::prune() {
 // ---- joining
 
 void Session::Impl::completeJoins() {
-    std::vector<LayerId> whole;
-    for (const auto& [request, layer] : joins_) {
-        const Incoming& snapshot = joiningOf(layer)->snapshot;
-        if (snapshot.content && snapshot.opened && snapshot.opened->revision <= revision_)
-            whole.push_back(layer);
-    }
-    bool joined = false;
-    for (const LayerId& layer : whole) joined = completeJoin(layer) || joined;
-    if (!whole.empty()) sendJoins();
-    if (!joined) return;
-    if (rebuild_) restartPrediction();
-    presentAgain();
-}
-
-bool Session::Impl::completeJoin(const LayerId& layer) {
-    OpenedLayer& opened = layers_.at(layer);
-    const Incoming& snapshot = opened.joining->snapshot;
-    requests_.forget(snapshot.request);
-    joins_.erase(snapshot.request);
-    LayerDoc doc = *std::exchange(opened.joining->snapshot.content, std::nullopt);
     // A frozen layer is reset at the thaw, all at once.
-    if (opened.wanted && !frozen_) editor_.arrived(layer, doc);
-    for (const auto& [revision, edit] : opened.joining->later) {
-        if (revision <= snapshot.opened->revision) continue;
-        if (doc.apply(edit.address.path, edit.action)) continue;
-        opened.restart();  // the content does not fit to its commits
-        toJoin_.push_back(layer);
-        return false;
-    }
-    confirmed_.insert_or_assign(layer, std::move(doc));
-    if (!opened.joining->again || !frozen_) resets_.insert(layer);
-    opened.joining.reset();
-    return true;
+    const auto arrived = [this](const LayerId& layer, const LayerDoc& content) {
+        if (!frozen_) editor_.arrived(layer, content);
+    };
+    const auto joined = [this](const LayerId& layer, LayerDoc content, bool again) {
+        confirmed_.insert_or_assign(layer, std::move(content));
+        if (!again || !frozen_) resets_.insert(layer);
+    };
+    if (!opened_.complete(revision_, arrived, joined)) return;
+    if (rebuild_) restartPrediction();
+    previews_.presentAgain();
 }
 
 }  // namespace usdlive::client

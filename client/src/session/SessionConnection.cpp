@@ -1,4 +1,5 @@
-// The connection of a session: hello and welcome, resuming, and what happens when it is lost.
+// The connection of a session: hello and welcome, resuming, received messages, and what happens
+// when it is lost.
 #include <algorithm>
 #include <iterator>
 
@@ -9,8 +10,6 @@
 namespace usdlive::client {
 
 namespace {
-
-constexpr std::string_view kPreviewValues = "previewValues";
 
 std::string named(const std::string& project, const StoreId& store) {
     return "\"" + project + "\" (store " + (store.empty() ? "unknown" : store.value.substr(0, 8)) +
@@ -44,31 +43,17 @@ std::string lostBefore(const Error& reason) {
            (reason.message.empty() ? "" : ": " + reason.message);
 }
 
-// Removes layers from the end of the list, as many as fit into a control message of a client.
-std::vector<LayerId> takeSome(std::vector<LayerId>& layers) {
-    constexpr std::size_t kMostBytes = 1024 * 1024, kMost = 100'000;
-    std::vector<LayerId> some;
-    for (std::size_t bytes = 0; !layers.empty() && bytes < kMostBytes && some.size() < kMost;) {
-        some.push_back(std::move(layers.back()));
-        layers.pop_back();
-        bytes += some.back().value.size();
-    }
-    return some;
-}
-
 }  // namespace
 
 void Session::Impl::connected() {
-    restartJoins();
+    opened_.restart();
     requests_.endAll("another connection took the place of the one that was to answer");
     linked_ = true;
     forgotten_.reset();
     diverged_ = false;
     inbox_.clear();
-    nextProjectLayers_.clear();
-    takesCompact_ = false;
-    names_ = {};
-    namesSent_ = {};
+    listed_.connected();
+    channel_.connected();
     Hello hello{.protocol = kProtocolVersion,
                 .oldestProtocol = kOldestProtocolVersion,
                 .features = options_.features,
@@ -82,12 +67,9 @@ void Session::Impl::connected() {
         hello.resume = Hello::Resume{commitEpoch_, revision_, hash_};
         if (!store_.empty()) hello.resume->store = store_;
         if (hasUnanswered()) hello.resume->unansweredSince = unanswered_->since;
-        toKeep_.clear();
-        for (const auto& [layer, opened] : layers_)
-            if (opened.wanted && !opened.joining) toKeep_.push_back(layer);
-        hello.open = takeSome(toKeep_);
+        hello.open = opened_.forHello();
     }
-    sendControl(hello);
+    channel_.send(hello);
 }
 
 bool Session::Impl::hasUnanswered() const {
@@ -107,30 +89,26 @@ void Session::Impl::noteUnanswered(Revision joined) {
 
 void Session::Impl::disconnected(Error reason, std::size_t unconfirmed) {
     const bool wasLinked = std::exchange(linked_, false);
-    online_ = false;
+    channel_.ended();
     // Before the requests are ended: the layers are requested again with the next connection.
-    restartJoins();
+    opened_.restart();
     // The next connection brings again what was received and not read, except errors.
     for (const Result<Received>& received : std::exchange(inbox_, {})) {
         const auto* control = received ? std::get_if<ControlMessage>(&*received) : nullptr;
         const auto* error = control ? std::get_if<ErrorMessage>(control) : nullptr;
         if (!error || (error->request && requests_.end(*error->request, tl::unexpected(*error))))
             continue;
-        if (error->closing) noteRefusedPresence(toError(*error).code);
-        events_.push_back(event::ServerError{*error});
+        if (error->closing) people_.connectionRefused(toError(*error).code);
+        events_.push(event::ServerError{*error});
     }
-    pending_.markAllUnsent();
-    sending_.reset();
-    held_.reset();
+    submissions_.disconnected();
     if (gesture_) gesture_->disconnected();
     uploads_.disconnected(unconfirmed_ = unconfirmed);
     downloads_.disconnected();
-    forgetOthers();
+    people_.disconnected();
     requests_.endAll(lostBefore(reason));
-    if (!previews_.empty()) previewsChanged();
-    for (const auto& [id, preview] : std::exchange(previews_, {}))
-        events_.push_back(event::PreviewChanged{id.first, id.second, true});
-    if (wasLinked) events_.push_back(event::Disconnected{std::move(reason)});
+    previews_.endAll();
+    if (wasLinked) events_.push(event::Disconnected{std::move(reason)});
 }
 
 void Session::Impl::received(ReceivedMessage message) {
@@ -139,7 +117,7 @@ void Session::Impl::received(ReceivedMessage message) {
 
 bool Session::Impl::advance(double budgetMs, std::int64_t nowMs) {
     nowMs_ = nowMs;
-    deadlineMs_ = options_.clockMs() + budgetMs;
+    deadline_.set(budgetMs);
     while (!inbox_.empty()) {
         Result<Received> received = std::move(inbox_.front());
         inbox_.pop_front();
@@ -147,22 +125,24 @@ bool Session::Impl::advance(double budgetMs, std::int64_t nowMs) {
             std::visit([this](auto&& part) { handle(std::move(part)); }, std::move(*received));
         else
             protocolFault(received.error());
-        if (outOfTime()) break;
+        if (deadline_.isOver()) break;
     }
     completeJoins();
-    completePeeks();
+    peeks_.complete();
     updateView();
     sendAll();
     reportGesture();
     checkPrediction();
-    return inbox_.empty() && !rebuild_ && !moreToSend_;
+    return inbox_.empty() && !rebuild_ && !submissions_.hasMore();
 }
 
 void Session::Impl::protocolFault(Error error) {
     // The host sees `closing` and ends the connection; the next one resumes.
-    online_ = false;
+    channel_.ended();
     inbox_.clear();
-    report(std::move(error), closing());
+    ErrorMessage about;
+    about.closing = true;
+    events_.report(std::move(error), std::move(about));
 }
 
 void Session::Impl::handle(ControlMessage&& message) {
@@ -179,16 +159,10 @@ void Session::Impl::on(const Welcome& message) {
     }
     other_.reset();
     accepted_.reset();
-    auto added = replaceProjectLayers(message.layers);
-    welcome_ = message;
-    welcome_->layers.clear();
+    auto added = listed_.welcomed(message);
+    channel_.welcomed(message);
     epoch_ = message.epoch;
     store_ = message.store.value_or(store_);
-    online_ = true;
-    takesPreviewValues_ = std::ranges::count(message.features, kPreviewValues) > 0;
-    takesParts_ = std::ranges::count(message.features, kPartsFeature) > 0;
-    takesCompact_ = std::ranges::count(message.features, kCompactFeature) > 0;
-    layerStates_.clear();  // the server sends them again
     if (!message.resumed) {
         if (forgotten_) loseSent(*forgotten_);
         if (hasHistory_) {
@@ -200,41 +174,16 @@ void Session::Impl::on(const Welcome& message) {
         commitEpoch_ = 0;
         hasHistory_ = true;
     }
-    keepLayers(message);
-    for (auto& [layer, opened] : layers_)
-        if (opened.joining) join(layer);
-    for (Missed& missed : missed_) missed.asked = false;
-    readMissed();
+    opened_.welcomed(message);
+    missed_.welcomed();
     if (gesture_) gesture_->changed = !gesture_->pending.authored.empty();
-    events_.push_back(event::Connected{*welcome_, message.resumed, leaves, std::move(added)});
-}
-
-// SE9: replaces the list by the one that came before the welcome or, from a server without the
-// feature, with it. Returns the new ones.
-std::vector<LayerId> Session::Impl::replaceProjectLayers(const std::vector<LayerInfo>& listed) {
-    std::set<LayerId> before = std::exchange(projectLayers_, std::exchange(nextProjectLayers_, {}));
-    for (const LayerInfo& info : listed) projectLayers_.insert(info.layer);
-    std::vector<LayerId> added;
-    std::ranges::set_difference(projectLayers_, before, std::back_inserter(added));
-    return added;
-}
-
-// SE2: names the open layers for which the hello had no room. A server that does not know the
-// message would end the session: it gets them as layers that are opened again.
-void Session::Impl::keepLayers(const Welcome& welcome) {
-    const bool knows = std::ranges::count(welcome.features, kLayerListFeature) > 0;
-    while (welcome.resumed && knows && !toKeep_.empty()) sendControl(KeepLayers{takeSome(toKeep_)});
-    if (welcome.resumed)
-        for (const LayerId& layer : toKeep_)
-            if (const auto opened = layers_.find(layer); opened != layers_.end())
-                opened->second.restart();
-    toKeep_.clear();
+    events_.push(event::Connected{*channel_.welcome(), message.resumed, leaves, std::move(added)});
 }
 
 // ID2: returns how the history of the server differs from the one that the client has.
 std::optional<OtherHistory> Session::Impl::compareHistory(const Welcome& found) const {
     if (!hasHistory_) return std::nullopt;
-    OtherHistory other{.expectedProject = welcome_->project,
+    OtherHistory other{.expectedProject = channel_.welcome()->project,
                        .foundProject = found.project,
                        .expectedStore = store_,
                        .foundStore = found.store.value_or(StoreId{}),
@@ -259,11 +208,11 @@ void Session::Impl::abandonHistory(const OtherHistory& other) {
     abandoned_->reason = {ErrorCode::HistoryDiverged,
                           "it was committed in a history that this editor has left, and " +
                               named(other.foundProject, other.foundStore) + " lacks it"};
-    for (const auto& [layer, opened] : layers_) {
-        const auto* doc = opened.wanted ? confirmed(layer) : nullptr;
+    opened_.forEachWanted([this](const LayerId& layer) {
+        const auto* doc = confirmed(layer);
         if (!doc) doc = view(layer);  // it was being joined again
         if (doc) abandoned_->docs.try_emplace(layer, *doc);
-    }
+    });
     if (!other.isOtherProject()) return;
     const Error why{ErrorCode::HistoryDiverged,
                     "it was not sent to " + named(other.expectedProject, other.expectedStore) +
@@ -281,37 +230,14 @@ void Session::Impl::loseSent(const Error& why) {
 }
 
 void Session::Impl::on(const LayerList& message) {
-    std::set<LayerId>& list = online_ ? projectLayers_ : nextProjectLayers_;
-    event::LayersChanged changed;
-    for (const LayerId& layer : message.removed)
-        if (list.erase(layer) > 0) changed.removed.push_back(layer);
-    for (const LayerId& layer : message.added)
-        if (list.insert(layer).second) changed.added.push_back(layer);
-    if (list.size() > kMaxLayers)
-        return protocolFault({ErrorCode::MalformedControl,
-                              "the server listed more than " + std::to_string(kMaxLayers) +
-                                  " layers, the most that a project has"});
-    if (online_ && !(changed.added.empty() && changed.removed.empty()))
-        events_.push_back(std::move(changed));
-}
-
-void Session::Impl::on(const ProjectLayers& message) {
-    if (!online_) return;
-    std::set<LayerId> before = projectLayers_;
-    event::LayersChanged changed{.added = replaceProjectLayers(message.layers), .removed = {}};
-    std::ranges::set_difference(before, projectLayers_, std::back_inserter(changed.removed));
-    events_.push_back(std::move(changed));
-}
-
-void Session::Impl::on(const LayerStates& message) {
-    for (const LayerState& state : message.layers) layerStates_[state.layer] = state;
-    events_.push_back(event::LayerStatesChanged{message.layers});
+    if (auto received = listed_.received(message); !received)
+        protocolFault(std::move(received.error()));
 }
 
 void Session::Impl::handle(ReceivedCommit&& received) {
     Commit& commit = received.commit;
-    if (!logs_.empty() && logs_.front().begun) return logs_.front().each(commit);
-    if (!online_ || commit.revision <= revision_ || commit.epoch < commitEpoch_) return;
+    if (requests_.takes(commit)) return;
+    if (!channel_.isOnline() || commit.revision <= revision_ || commit.epoch < commitEpoch_) return;
     const bool continues =
         received.isCompact ? beginsLike(commit.previous, hash_) : commit.previous == hash_;
     if (commit.revision - commit.conflated != revision_ + 1 || !continues) {
@@ -322,12 +248,12 @@ void Session::Impl::handle(ReceivedCommit&& received) {
     commit.previous = std::exchange(hash_, received.hashAfter);
     commitEpoch_ = commit.epoch;
     apply(commit);
-    events_.push_back(event::Committed{std::move(received.commit), false});
+    events_.push(event::Committed{std::move(received.commit), false});
 }
 
 // FR11: the commit has the edits of the own transaction.
 void Session::Impl::handle(Acceptance&& accepted) {
-    if (!online_ || accepted.revision <= revision_) return;
+    if (!channel_.isOnline() || accepted.revision <= revision_) return;
     const Pending* own = pending_.find(accepted.sequence);
     if (!own || !own->sent || own->changedSince)
         return protocolFault(
@@ -346,16 +272,108 @@ void Session::Impl::handle(Acceptance&& accepted) {
     handle(std::move(received));
 }
 
-bool Session::Impl::isCaughtUp() const { return welcome_ && revision_ >= welcome_->revision; }
+bool Session::Impl::isCaughtUp() const {
+    return channel_.welcome() && revision_ >= channel_.welcome()->revision;
+}
 
 void Session::Impl::handle(RefusalFrame&& frame) {
-    if (errorPasses(frame.error.code)) return hold(frame.sequence, frame.error);
-    held_.reset();
+    if (errorPasses(frame.error.code))
+        return submissions_.hold(frame.sequence, frame.error, nowMs_);
+    submissions_.answered();
     const bool mendable =
         frame.error.code == ErrorCode::StaleBase || frame.error.code == ErrorCode::BlobNotFound;
     if (mendable && resubmit(frame.sequence)) return;
     if (auto pending = pending_.take(frame.sequence))
         lose(std::move(*pending), std::move(frame.error));
+}
+
+void Session::Impl::on(const ErrorMessage& message) {
+    if (message.request && requests_.end(*message.request, tl::unexpected(message))) return;
+    const Error error = toError(message);
+    if (error.code == ErrorCode::ClientForgotten && !channel_.isOnline()) {
+        forgotten_ = error;
+        if (diverged_) return;
+    }
+    if (message.closing) people_.connectionRefused(error.code);
+    const bool differs =
+        error.code == ErrorCode::HistoryDiverged || error.code == ErrorCode::FutureRevision;
+    if (differs && !channel_.isOnline() && !message.closing) {
+        diverged_ = true;  // reported when the welcome has come
+        return;
+    }
+    if (message.blob) {
+        if (downloads_.isAsked(*message.blob)) return blobFailed(*message.blob, error);
+        uploads_.refused(*message.blob, error.code, nowMs_);
+    }
+    events_.push(event::ServerError{message});
+}
+
+void Session::Impl::on(const RequestProgress& message) {
+    using Task = event::Progress::Task;
+    if (message.task != "import" && message.task != "save") return;
+    const Task task = message.task == "save" ? Task::Save : Task::Import;
+    events_.push(
+        event::Progress{task, message.layer, message.done, message.total, message.request});
+}
+
+// If the commit was missed because the history was replaced, the layers that were joined again
+// contain its edits, and only the commit itself names the dropped ones (M12). Otherwise the commit
+// is still to be received.
+void Session::Impl::on(const AlreadyCommitted& message) {
+    if (message.revision > revision_) return;
+    auto pending = pending_.take(message.sequence);
+    if (!pending) return;
+    submissions_.answered();
+    restartPrediction();
+    missed_.add(message.revision, *std::move(pending));
+}
+
+void Session::Impl::on(const LayerOpened& message) {
+    opened_.received(message);
+    peeks_.received(message);
+}
+
+void Session::Impl::handle(ReceivedSnapshot&& received) {
+    if (!opened_.received(received)) peeks_.received(received);
+}
+
+void Session::Impl::peek(const LayerId& layer, Revision revision, Peeks::Done done) {
+    const bool isNow = revision == 0 && channel_.isOnline() && isCaughtUp();
+    if (const LayerDoc* here = isNow ? confirmed(layer) : nullptr) return done(*here, revision_);
+    peeks_.ask(layer, revision, std::move(done));
+}
+
+// ---- big values
+
+void Session::Impl::handle(ReceivedBlob&& blob) {
+    if (!blob.whole)
+        blobFailed(blob.hash, blob.whole.error());
+    else if (*blob.whole)
+        blobArrived(blob.hash, std::move(*blob.whole));
+    else
+        downloads_.progressed(blob.hash, blob.bytes);
+}
+
+void Session::Impl::blobArrived(const Hash& hash, SharedBytes bytes) {
+    const auto done = downloads_.arrived(hash);
+    if (done.outcome != BlobDownloads::Outcome::Arrived) return;
+    host_.blobArrived(hash, std::move(bytes), done.lasting);
+    previews_.blobArrived(hash);
+}
+
+void Session::Impl::blobFailed(const Hash& hash, Error error) {
+    const auto done = downloads_.failed(hash, nowMs_);
+    if (done.lasting && done.first) {
+        ErrorMessage about;
+        about.blob = hash;
+        events_.report(std::move(error), std::move(about));
+    }
+    if (done.outcome != BlobDownloads::Outcome::NotWanted) previews_.blobFailed(hash);
+}
+
+void Session::Impl::on(const BlobStored& message) {
+    uploads_.stored(message.hash);
+    host_.blobStored(message.hash);
 }
 
 }  // namespace usdlive::client
