@@ -25,7 +25,7 @@ def write(layer: Sdf.Layer, value: float) -> None:
     layer.GetAttributeAtPath("/World.x").default = value
 
 
-def test_by_command(served):
+def test_checkpoints_by_command(served):
     assert "open a layer first" in refused("checkpoint", served.url, "start")
     with connect(served, "ada") as ada:
         layer = ada.open_layer("shot.usda")

@@ -16,7 +16,7 @@ FOUND = (10, 2046, 6089)
 
 
 @pytest.mark.parametrize("seed", FOUND)
-def test_seeds_that_found_a_fault(seed, tmp_path):
+def test_seeds_of_clips_that_found_a_fault(seed, tmp_path):
     assert compared(HERE / "clip_stages.py", seed, seed + 1, tmp_path) == STEPS + 1
 
 

@@ -709,7 +709,7 @@ def scenes_of_all_kinds(folder):
     ]
 
 
-def test_the_composed_stage_is_the_same_in_cpp(tmp_path):
+def test_the_composed_stage_with_payloads_is_the_same_in_cpp(tmp_path):
     files = scenes_of_all_kinds(tmp_path)
     environment = {**os.environ, "PXR_PLUGINPATH_NAME": plugin_path(), "PXR_WORK_THREAD_LIMIT": "1"}
     wanted = [file.with_suffix(".want") for file in files]

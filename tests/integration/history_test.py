@@ -71,7 +71,7 @@ def whole(server):
         return base, log, peer.revision, peer.hash, {name: cat(server, name) for name in LAYERS}
 
 
-def test_by_command(served):
+def test_compaction_by_command(served):
     with Author(served) as ada:
         ada.write(30)
         named = json.loads(run("checkpoint", served.url, "lunch", "--json"))["revision"]

@@ -110,3 +110,47 @@ def test_an_editor_that_is_killed_loses_nothing(project, serve):
     doubled = {path: count for path, count in counts.items() if count > 1}
     assert not doubled, doubled
     assert len(names) > next_number / 2
+
+
+PASTE = """
+import sys, time
+import usdlive
+from pxr import Sdf
+live = usdlive.connect(sys.argv[1], user="ada")
+layer = live.open_layer("shot.usda")
+print("ready", flush=True)
+sys.stdin.readline()
+with Sdf.ChangeBlock():
+    for number in range(3_000):
+        prim = Sdf.CreatePrimInLayer(layer, f"/World/p{number}")
+        Sdf.AttributeSpec(prim, "text", Sdf.ValueTypeNames.String).default = str(number) * 250
+live.tick()
+print("written", flush=True)
+while True:
+    live.tick()
+    time.sleep(0.01)
+"""
+
+
+def test_a_transaction_larger_than_a_frame_is_sent_later(project, serve):
+    """An editor that was killed could only send it in parts (FR8). Whoever sends it later does the same."""
+    (project / "shot.usda").write_text(ROOT)
+    server = serve(project, "--max-frame-mib", "1")
+    editor = subprocess.Popen([sys.executable, "-c", PASTE, server.url], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                              text=True)
+    assert editor.stdout.readline() == "ready\n"
+    server.process.send_signal(signal.SIGSTOP)
+    editor.stdin.write("go\n")
+    editor.stdin.flush()
+    assert editor.stdout.readline() == "written\n"
+    time.sleep(2)  # the journal is on the disk after a second at the latest
+    editor.kill()
+    editor.wait()
+    server.process.send_signal(signal.SIGCONT)
+    with connect(server, "ada") as later:
+        layer = later.open_layer("shot.usda")
+        [work] = later.unsent_work()
+        sent = work.send()
+        assert (sent.committed, sent.lost) == (1, 0)
+        later.wait(lambda: layer.GetAttributeAtPath("/World/p2999.text"), 30)
+        assert layer.GetAttributeAtPath("/World/p2999.text").default == "2999" * 250

@@ -127,7 +127,7 @@ def ended(*words):
     return ran.returncode, ran.stderr
 
 
-def test_the_table_has_every_verb():
+def test_the_table_of_what_is_not_there_has_every_verb():
     assert set(LINES) | set(LOCAL) == set(WORDS) | WITHOUT_NAMES
 
 

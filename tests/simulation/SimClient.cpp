@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <sstream>
 
+#include "unit/common/layer/SpecLockEdits.h"
 #include "usdlive/common/core/ClientSecret.h"
 #include "usdlive/common/core/ErrorPasses.h"
 #include "usdlive/common/layer/LayerLock.h"
@@ -77,9 +78,6 @@ Session::Options SimClient::options() {
     if (style_.inParts) {
         options.wholeBytes = 500;
         options.partBytes = 300;
-        // A client of an earlier version, which opens its layers again instead.
-        knowsParts = number_ % 4 != 0;
-        if (!knowsParts) std::erase(options.features, kPartsFeature);
     }
     return options;
 }

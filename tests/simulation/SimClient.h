@@ -55,7 +55,6 @@ public:
     [[nodiscard]] const client::Session& session() const { return session_; }
     [[nodiscard]] const std::map<LayerId, LayerDoc>& editor() const { return editor_; }
 
-    bool knowsParts = true;  ///< FR8
     /// It could not resume while work was pending. It does not know the moves since, and sends this
     /// work with the paths that it shows.
     bool hasSentByPath = false;

@@ -28,7 +28,7 @@ struct CatOptions : Common {
     std::string checkpoint;  ///< used instead of a revision
 };
 /// A verb that composes a stage.
-struct StageOptions : CatOptions {
+struct StageCommandOptions : CatOptions {
     bool composed = false;  ///< `tree` and `dump`: show `stage`
     ComposedOptions stage;
 };

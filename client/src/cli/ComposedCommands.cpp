@@ -15,7 +15,7 @@
 #include "cli/Plugins.h"
 #include "cli/StageDump.h"
 #include "transport/Connection.h"
-#include "usd/places/ProjectFiles.h"  // encodedInAddress
+#include "usd/places/PlainFiles.h"  // encodedInAddress
 #include "usd/stage/DepthGuard.h"
 #include "usdlive/client/usd/stage/Flatten.h"
 #include "usdlive/client/usd/stage/Stage.h"

@@ -159,8 +159,8 @@ private:
     }
 
     void addTree() {
-        auto options = std::make_shared<StageOptions>();
-        const auto read = [](const Words& words, StageOptions& into) {
+        auto options = std::make_shared<StageCommandOptions>();
+        const auto read = [](const Words& words, StageCommandOptions& into) {
             if (into.composed) {
                 chooseRoot(words, into, "tree --composed");
                 into.stage.json = into.json;
@@ -173,7 +173,7 @@ private:
         auto* tree =
             add("tree", "Print the prims of a layer, or of a composed stage, with their types",
                 "[URL] LAYER | --composed FILE | --composed URL LAYER", options, read,
-                [](const StageOptions& chosen) {
+                [](const StageCommandOptions& chosen) {
                     return chosen.composed ? treeComposed(chosen.stage) : cli::tree(chosen);
                 });
         tree->add_flag(
@@ -185,15 +185,16 @@ private:
     }
 
     void addDump() {
-        auto options = std::make_shared<StageOptions>();
-        const auto read = [](const Words& words, StageOptions& into) {
+        auto options = std::make_shared<StageCommandOptions>();
+        const auto read = [](const Words& words, StageCommandOptions& into) {
             if (!into.stage.batch.empty() ? !words.empty() : !into.composed)
                 usageError("name a stage: usdlive dump --composed FILE, or --composed URL LAYER");
             if (into.stage.batch.empty()) chooseRoot(words, into, "dump --composed");
         };
-        auto* verb = addVerb("dump", "Print everything that a composed stage shows, as JSON",
-                             "--composed FILE | --composed URL LAYER | --batch LIST", options, read,
-                             [](const StageOptions& chosen) { return dumpComposed(chosen.stage); });
+        auto* verb =
+            addVerb("dump", "Print everything that a composed stage shows, as JSON",
+                    "--composed FILE | --composed URL LAYER | --batch LIST", options, read,
+                    [](const StageCommandOptions& chosen) { return dumpComposed(chosen.stage); });
         verb->add_flag(
             "--composed", options->composed,
             "Compose the stage of this layer of a project, or of a file without a server");
@@ -215,13 +216,13 @@ private:
     }
 
     void addFlatten() {
-        auto options = std::make_shared<StageOptions>();
-        const auto read = [](const Words& words, StageOptions& into) {
+        auto options = std::make_shared<StageCommandOptions>();
+        const auto read = [](const Words& words, StageCommandOptions& into) {
             chooseRoot(words, into, "flatten");
         };
-        auto* verb =
-            addVerb("flatten", "Write what a stage shows as one layer", "FILE | URL LAYER", options,
-                    read, [](const StageOptions& chosen) { return flattenComposed(chosen.stage); });
+        auto* verb = addVerb(
+            "flatten", "Write what a stage shows as one layer", "FILE | URL LAYER", options, read,
+            [](const StageCommandOptions& chosen) { return flattenComposed(chosen.stage); });
         verb->add_option("--session", options->stage.session, "The session layer")
             ->type_name("FILE");
         verb->add_option("--out", options->stage.out,
@@ -240,7 +241,7 @@ private:
 
     /// The words name the root layer of a stage: a file, an address with a revision, or a layer of
     /// a project.
-    static void chooseRoot(const Words& words, StageOptions& into, const std::string& verb) {
+    static void chooseRoot(const Words& words, StageCommandOptions& into, const std::string& verb) {
         const std::string word = words.size() == 1 ? words.front() : std::string();
         const bool isAddress =
             word.starts_with("usdlive://") && word.find('@') != std::string::npos;

@@ -16,7 +16,6 @@ void Channel::welcomed(const Welcome& message) {
     welcome_->layers.clear();
     online_ = true;
     takesPreviewValues_ = knows("previewValues");
-    takesParts_ = knows(kPartsFeature);
     takesCompact_ = knows(kCompactFeature);
 }
 
@@ -29,8 +28,7 @@ std::uint64_t Channel::frameLimit() const {
 }
 
 std::uint64_t Channel::transactionLimit() const {
-    return takesParts_ ? welcome_->maxTransactionBytes.value_or(kMaxTransactionBytes)
-                       : frameLimit();
+    return welcome_->maxTransactionBytes.value_or(kMaxTransactionBytes);
 }
 
 void Channel::send(std::string control) { send(encodeFrame(ControlFrame{std::move(control)})); }

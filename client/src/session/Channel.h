@@ -29,7 +29,6 @@ public:
     [[nodiscard]] const std::optional<Welcome>& welcome() const { return welcome_; }
     /// Returns whether the server of the last welcome has a feature.
     [[nodiscard]] bool knows(std::string_view feature) const;
-    [[nodiscard]] bool takesParts() const { return takesParts_; }                  ///< FR8
     [[nodiscard]] bool takesPreviewValues() const { return takesPreviewValues_; }  ///< B3
     /// The most bytes of a frame, and of a transaction.
     [[nodiscard]] std::uint64_t frameLimit() const;
@@ -57,7 +56,7 @@ private:
     SessionHost& host_;
     bool online_ = false;
     std::optional<Welcome> welcome_;
-    bool takesParts_ = false, takesCompact_ = false, takesPreviewValues_ = false;
+    bool takesCompact_ = false, takesPreviewValues_ = false;
     NameNumbers names_;
     KnownNames namesSent_;
 };

@@ -43,9 +43,7 @@ std::vector<OwnSubmissions::TooLarge> OwnSubmissions::send(std::int64_t nowMs, b
 
 void OwnSubmissions::sendWhole(bool known, std::vector<TooLarge>& tooLarge) {
     const std::uint64_t limit = channel_.transactionLimit();
-    const std::uint64_t whole = channel_.takesParts()
-                                    ? std::min(options_.wholeBytes, channel_.frameLimit())
-                                    : channel_.frameLimit();
+    const std::uint64_t whole = std::min(options_.wholeBytes, channel_.frameLimit());
     const auto ready = [this](const Pending& pending) { return uploads_.ready(pending.blobs); };
     Bytes message;
     const auto flush = [&] {

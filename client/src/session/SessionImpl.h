@@ -26,12 +26,11 @@
 
 namespace usdlive::client {
 
-/// What a session does is in its parts, which own their state; each knows those that its
-/// constructor is given. This class holds them, passes what is received to them, and has what
-/// concerns the confirmed layers and the view as a whole: Session.cpp (layers),
-/// SessionConnection.cpp (hello, resuming, received messages), SessionSending.cpp (own work),
-/// SessionCommits.cpp (the confirmed side), SessionView.cpp (the predicted side), SessionAuthor.cpp
-/// (edits and gestures).
+/// Holds the parts of a session, and passes to them what is received. Each part owns its state, and
+/// knows the parts that its constructor is given. This class itself has what concerns the confirmed
+/// layers and the view as a whole: Session.cpp (layers), SessionConnection.cpp (hello, resuming,
+/// received messages), SessionSending.cpp (own work), SessionCommits.cpp (the confirmed side),
+/// SessionView.cpp (the predicted side), SessionAuthor.cpp (edits and gestures).
 class Session::Impl {
 public:
     Impl(Options options, SessionHost& host, LayerView& editor);
@@ -56,7 +55,7 @@ public:
     bool advance(double budgetMs, std::int64_t nowMs);
 
     const Options options_;
-    Revision revision_ = 0;              ///< of the confirmed layers
+    Revision revision_ = 0;              ///< the revision of the confirmed layers
     std::optional<OtherHistory> other_;  ///< the session has stopped (ID2)
     std::size_t unconfirmed_ = 0;        ///< see Session::unconfirmed()
     std::uint64_t writtenAgain_ = 0;     ///< see Session::writtenAgain()

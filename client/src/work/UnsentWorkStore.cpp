@@ -80,7 +80,7 @@ Result<SentWork> UnsentWorkStore::send(const ClientId& work, double timeoutMs,
     auto options = options_;
     options.client = work;
     options.secret = journal->secret();
-    options.features = {"history", "log", "resends", kLayerListFeature};
+    options.features = {"history", "log", "resends", kPartsFeature, kLayerListFeature};
     UnsentSender sender(**connection, std::move(options), *journal, blobs_);
     auto sent = sender.send(timeoutMs);
     lost = sender.takeLost();

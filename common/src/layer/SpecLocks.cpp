@@ -26,10 +26,6 @@ SpecLocks specLocksOf(const LayerDoc& root) {
     return locks;
 }
 
-EditAction specLockEdit(const std::string& path, const UserName& owner) {
-    return omniLayer::keyEdit({kLocks, path}, stringValue(owner.value));
-}
-
 EditAction specUnlockEdit(const std::string& path) {
     return omniLayer::keyEdit({kLocks, path}, {});
 }

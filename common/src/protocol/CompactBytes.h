@@ -17,7 +17,7 @@ namespace usdlive::compact {
 enum class Kind : std::uint8_t { Submit = 1, Commit = 3, Acceptance = 5, Preview = 7, Names = 9 };
 
 enum class Action : std::uint8_t { Create, Delete, Move, Place, Set, Erase };
-enum class Part : std::uint8_t { None, DictionaryKey, SampleTime, ListItem, MapKey };
+enum class PartKind : std::uint8_t { None, DictionaryKey, SampleTime, ListItem, MapKey };
 
 // The first byte of an edit: the action, the part, and what follows.
 inline constexpr unsigned kPartShift = 3, kFieldMask = 7;
@@ -29,9 +29,9 @@ inline constexpr std::size_t kPreviousBytes = 8;
 inline constexpr std::size_t kMaxShared = 255;  // bytes of a path that are those of the one before
 
 /// Writes a frame with its length in front.
-class Writer {
+class BytesOut {
 public:
-    explicit Writer(Kind kind) : out_(sizeof(std::uint32_t)) { u8(std::uint8_t(kind)); }
+    explicit BytesOut(Kind kind) : out_(sizeof(std::uint32_t)) { u8(std::uint8_t(kind)); }
 
     void u8(std::uint8_t value) { out_.push_back(value); }
     void f64(double value) { appendNumber<double>(out_, value); }
@@ -56,9 +56,9 @@ private:
 };
 
 /// Reads untrusted bytes. Throws Undecodable.
-class Reader {
+class BytesIn {
 public:
-    explicit Reader(ByteView frame) : frame_(frame), bytes_(frame) {}
+    explicit BytesIn(ByteView frame) : frame_(frame), bytes_(frame) {}
 
     std::uint8_t u8() { return checked(bytes_.u8()); }
     double f64() { return checked(bytes_.f64()); }

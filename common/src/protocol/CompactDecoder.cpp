@@ -176,12 +176,12 @@ private:
         if ((first & compact::kHasCreation) != 0) edit.address.creation = creation();
         edit.address.path = path();
         edit.action = action(compact::Action(first & compact::kFieldMask),
-                             compact::Part(first >> compact::kPartShift & compact::kFieldMask));
+                             compact::PartKind(first >> compact::kPartShift & compact::kFieldMask));
         return edit;
     }
-    EditAction action(compact::Action action, compact::Part part) {
+    EditAction action(compact::Action action, compact::PartKind part) {
         using compact::Action;
-        require(part == compact::Part::None || action == Action::Set || action == Action::Erase,
+        require(part == compact::PartKind::None || action == Action::Set || action == Action::Erase,
                 "an edit has a part where there is none");
         switch (action) {
             case Action::Create:
@@ -203,7 +203,7 @@ private:
                 SetField set;
                 set.field = checkedField(name());
                 set.form = this->part(part, set.part);
-                if (part != compact::Part::ListItem) set.value = value();
+                if (part != compact::PartKind::ListItem) set.value = value();
                 return set;
             }
             case Action::Erase: {
@@ -217,11 +217,11 @@ private:
         stop(ErrorCode::MalformedFrame, "an edit is of an unknown kind");
     }
     /// Returns the form, if there is one.
-    ValueType part(compact::Part kind, FieldPart& part) {
+    ValueType part(compact::PartKind kind, FieldPart& part) {
         switch (kind) {
-            case compact::Part::None:
+            case compact::PartKind::None:
                 return ValueType::None;
-            case compact::Part::DictionaryKey: {
+            case compact::PartKind::DictionaryKey: {
                 const std::uint64_t parts = in_.varint();
                 checkKeyParts(parts);
                 budget_.spend(parts, DecodingBudget::kTextBytes);
@@ -229,10 +229,10 @@ private:
                 for (std::uint64_t index = 0; index < parts; ++index) path.emplace_back(name());
                 return ValueType::None;
             }
-            case compact::Part::SampleTime:
+            case compact::PartKind::SampleTime:
                 part = checkedTime(in_.f64());
                 return ValueType::None;
-            case compact::Part::ListItem: {
+            case compact::PartKind::ListItem: {
                 const std::uint8_t first = in_.u8();
                 ListItem item{checkedList(first & compact::kListMask), leaf(), {}};
                 if ((first & compact::kHasBefore) != 0) item.before = leaf();
@@ -241,7 +241,7 @@ private:
                 part = std::move(item);
                 return form;
             }
-            case compact::Part::MapKey: {
+            case compact::PartKind::MapKey: {
                 const std::uint8_t hasForm = in_.u8();
                 require(hasForm == 0 || hasForm == compact::kHasForm,
                         "a key is of an unknown kind");
@@ -254,7 +254,7 @@ private:
         stop(ErrorCode::MalformedFrame, "a part of a field is of an unknown kind");
     }
 
-    compact::Reader in_;
+    compact::BytesIn in_;
     DecodingBudget budget_;
     std::vector<std::string>& names_;
     LayerId layer_;  // layer and path of the edit before

@@ -176,7 +176,7 @@ private:
                    part);
     }
 
-    compact::Writer out_;
+    compact::BytesOut out_;
     NameNumbers& names_;
     std::size_t texts_ = 0;
     const std::string* layer_ = nullptr;  // layer and path of the edit before
@@ -216,7 +216,7 @@ std::optional<CompactFrame> encodeCompact(const CompactCommit& commit, NameNumbe
 }
 
 Bytes encodeAcceptance(const Acceptance& acceptance) {
-    compact::Writer out(compact::Kind::Acceptance);
+    compact::BytesOut out(compact::Kind::Acceptance);
     out.varint(acceptance.revision);
     out.varint(acceptance.epoch);
     out.varint(acceptance.sequence);

@@ -66,7 +66,7 @@ SharedBytes KnownNames::introduce(const CompactFrame& frame) {
     for (const NumberedName& name : frame.names)
         if (!known_[name.number]) unknown.push_back(&name);
     if (unknown.empty()) return nullptr;
-    compact::Writer out(compact::Kind::Names);
+    compact::BytesOut out(compact::Kind::Names);
     out.varint(unknown.size());
     for (const NumberedName* name : unknown) {
         known_.set(name->number);

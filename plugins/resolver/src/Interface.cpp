@@ -87,7 +87,7 @@ std::vector<std::string> changedFiles(const Snapshot& before, const Snapshot& no
 }
 
 /// Calls `changed` for the layers that are read as files and have changed.
-void reportLayers(const LiveProject& live, Project& project, Changed changed, void* context) {
+void reportLayers(const LiveProject& live, RemoteProject& project, Changed changed, void* context) {
     if (live.fileLayers->isEmpty()) return;
     const auto now = project.newest(kAskAlways);
     if (!now) return;
@@ -136,7 +136,7 @@ int refresh(const char* token, Changed changed, IsStopped isStopped, void* conte
 }
 
 /// Returns whether the file is here with this content.
-bool fetchFile(const LiveProject& live, Project& project, const std::string& path,
+bool fetchFile(const LiveProject& live, RemoteProject& project, const std::string& path,
                const Entry& entry) {
     const std::string content = entry.content();
     const auto file = project.open(path, content);
@@ -145,7 +145,7 @@ bool fetchFile(const LiveProject& live, Project& project, const std::string& pat
 }
 
 /// Returns false if the layer did not arrive, or is not in the list yet.
-bool fetchLayer(const LiveProject& live, Project& project, const std::string& path) {
+bool fetchLayer(const LiveProject& live, RemoteProject& project, const std::string& path) {
     if (!live.fileLayers->contains(path)) return true;
     // Many layers may be fetched one after the other.
     for (const std::chrono::milliseconds idle : {kSameList, kAskAlways}) {

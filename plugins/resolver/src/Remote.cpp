@@ -177,10 +177,10 @@ bool isHashToken(const std::string& token) {
 
 std::string revisionOf(const std::string& token) { return token.substr(0, token.find('-')); }
 
-// ---- Project
+// ---- RemoteProject
 
-Project::Project(std::string host, std::uint16_t port, std::string name, std::string prefix,
-                 std::string user, HttpTimes times, Cache& cache)
+RemoteProject::RemoteProject(std::string host, std::uint16_t port, std::string name,
+                             std::string prefix, std::string user, HttpTimes times, Cache& cache)
     : host_(std::move(host)),
       port_(port),
       name_(std::move(name)),
@@ -191,13 +191,13 @@ Project::Project(std::string host, std::uint16_t port, std::string name, std::st
       takesZstd_(takesZstd(host_)),
       cache_(cache) {}
 
-Outcome<SnapshotPtr> Project::newest(milliseconds idle) { return ask(newest_, {}, idle); }
+Outcome<SnapshotPtr> RemoteProject::newest(milliseconds idle) { return ask(newest_, {}, idle); }
 
-Project::Listing Project::listingOf(const std::string& pin) {
+RemoteProject::Listing RemoteProject::listingOf(const std::string& pin) {
     return {(isRevision(pin) ? "?revision=" : "?checkpoint=") + urlEncoded(pin), pin};
 }
 
-Outcome<SnapshotPtr> Project::at(const std::string& pin) {
+Outcome<SnapshotPtr> RemoteProject::at(const std::string& pin) {
     Asked* known = nullptr;
     {
         const std::lock_guard lock(mutex_);
@@ -209,13 +209,13 @@ Outcome<SnapshotPtr> Project::at(const std::string& pin) {
     return ask(*known, listingOf(pin), milliseconds::max());
 }
 
-Outcome<SnapshotPtr> Project::known() { return lastOf(newest_, {}); }
+Outcome<SnapshotPtr> RemoteProject::known() { return lastOf(newest_, {}); }
 
-Outcome<SnapshotPtr> Project::follow() { return ask(followed_, {kFollowedQuery}, kAskAgain); }
+Outcome<SnapshotPtr> RemoteProject::follow() { return ask(followed_, {kFollowedQuery}, kAskAgain); }
 
-Outcome<SnapshotPtr> Project::followed() { return lastOf(followed_, {kFollowedQuery}); }
+Outcome<SnapshotPtr> RemoteProject::followed() { return lastOf(followed_, {kFollowedQuery}); }
 
-Outcome<SnapshotPtr> Project::lastOf(Asked& known, const Listing& listing) {
+Outcome<SnapshotPtr> RemoteProject::lastOf(Asked& known, const Listing& listing) {
     {
         const std::lock_guard lock(mutex_);
         if (known.snapshot) return known.snapshot;
@@ -224,17 +224,17 @@ Outcome<SnapshotPtr> Project::lastOf(Asked& known, const Listing& listing) {
     return ask(known, listing, milliseconds::max());
 }
 
-SnapshotPtr Project::lastFollowed() const {
+SnapshotPtr RemoteProject::lastFollowed() const {
     const std::lock_guard lock(mutex_);
     return followed_.snapshot;
 }
 
-SnapshotPtr Project::last() const {
+SnapshotPtr RemoteProject::last() const {
     const std::lock_guard lock(mutex_);
     return newest_.snapshot;
 }
 
-Outcome<SnapshotPtr> Project::ask(Asked& known, const Listing& listing, milliseconds idle) {
+Outcome<SnapshotPtr> RemoteProject::ask(Asked& known, const Listing& listing, milliseconds idle) {
     const auto answerNow = [&]() -> std::optional<Outcome<SnapshotPtr>> {
         const std::lock_guard lock(mutex_);
         const auto now = Clock::now();
@@ -266,7 +266,7 @@ Outcome<SnapshotPtr> Project::ask(Asked& known, const Listing& listing, millisec
     return answer;
 }
 
-Outcome<SnapshotPtr> Project::request(const SnapshotPtr& known, const Listing& listing) {
+Outcome<SnapshotPtr> RemoteProject::request(const SnapshotPtr& known, const Listing& listing) {
     HttpRequest request = requestFor("/files" + listing.query);
     if (known) request.headers.emplace_back("If-None-Match", '"' + known->etag + '"');
     const auto answer = patientGet(request, times_);
@@ -276,7 +276,7 @@ Outcome<SnapshotPtr> Project::request(const SnapshotPtr& known, const Listing& l
     return parseSnapshot(*answer, listing.pin);
 }
 
-HttpRequest Project::requestFor(const std::string& target) const {
+HttpRequest RemoteProject::requestFor(const std::string& target) const {
     HttpRequest request{host_, port_, prefix_ + target};
     if (!user_.empty()) request.headers.emplace_back("Usdlive-User", urlEncoded(user_));
     request.takesZstd = takesZstd_;
@@ -285,8 +285,8 @@ HttpRequest Project::requestFor(const std::string& target) const {
 
 /// Returns the hash of what was sent. `wanted`: the ETag has to begin with it. `size`: the largest
 /// size.
-Outcome<std::string> Project::download(const std::string& target, const std::string& wanted,
-                                       std::optional<std::uint64_t> size, BodySink& sink) {
+Outcome<std::string> RemoteProject::download(const std::string& target, const std::string& wanted,
+                                             std::optional<std::uint64_t> size, BodySink& sink) {
     HttpRequest request = requestFor(target);
     Bounded bounded(sink, size.value_or(kMostUnlistedBytes));
     request.sink = &bounded;
@@ -298,33 +298,33 @@ Outcome<std::string> Project::download(const std::string& target, const std::str
     return answer->sha256;
 }
 
-Outcome<OpenFile> Project::openVersion(const std::string& path, const std::string& token) {
+Outcome<OpenFile> RemoteProject::openVersion(const std::string& path, const std::string& token) {
     return cache_.keyedFile(origin_, keyOf(path, token), [&](BodySink& sink) {
         return download("/files/" + urlEncoded(path) + "?revision=" + revisionOf(token), token,
                         std::nullopt, sink);
     });
 }
 
-Outcome<OpenFile> Project::open(const std::string& path, const std::string& content) {
+Outcome<OpenFile> RemoteProject::open(const std::string& path, const std::string& content) {
     const bool isVersion = !content.empty() && !isHashToken(content);
     return isVersion ? openVersion(path, content) : openFile(path, content);
 }
 
-Outcome<OpenFile> Project::openKept(const std::string& path, const std::string& content) {
+Outcome<OpenFile> RemoteProject::openKept(const std::string& path, const std::string& content) {
     auto file = isHashToken(content) ? cache_.find(origin_, content)
                                      : cache_.findKeyed(origin_, keyOf(path, content));
     if (file) return file;
     return Failure{"it is not in the cache, and there is no connection to the server"};
 }
 
-bool Project::isReady(const std::string& path, const std::string& content) const {
+bool RemoteProject::isReady(const std::string& path, const std::string& content) const {
     if (content.empty()) return false;
     return isHashToken(content) ? cache_.isReady(origin_, content)
                                 : cache_.isKeyedReady(origin_, keyOf(path, content));
 }
 
-std::optional<std::uint64_t> Project::sizeOf(const std::string& path,
-                                             const std::string& hash) const {
+std::optional<std::uint64_t> RemoteProject::sizeOf(const std::string& path,
+                                                   const std::string& hash) const {
     for (const SnapshotPtr& list : {last(), lastFollowed()}) {
         if (!list) continue;
         const auto found = list->files.find(path);
@@ -333,7 +333,7 @@ std::optional<std::uint64_t> Project::sizeOf(const std::string& path,
     return std::nullopt;
 }
 
-Outcome<OpenFile> Project::openFile(const std::string& path, const std::string& hash) {
+Outcome<OpenFile> RemoteProject::openFile(const std::string& path, const std::string& hash) {
     std::string wanted = hash;
     Failure failure{"it changes all the time"};
     for (int left = kOpenAttempts; left > 0; --left) {
@@ -495,9 +495,9 @@ std::optional<Failure> Remotes::ask(Server& server, const Url& url, bool again) 
         const std::string name = textIn(one, "name");
         if (server.projects.contains(name)) continue;
         server.projects.emplace(
-            name, std::make_shared<Project>(url.host, url.port, name,
-                                            server.hasSeveral ? "/" + urlEncoded(name) : "", user_,
-                                            times_, cache));
+            name, std::make_shared<RemoteProject>(url.host, url.port, name,
+                                                  server.hasSeveral ? "/" + urlEncoded(name) : "",
+                                                  user_, times_, cache));
     }
     return std::nullopt;
 }

@@ -39,10 +39,10 @@ struct Snapshot {
 using SnapshotPtr = std::shared_ptr<const Snapshot>;
 
 /// A project of a server. Any thread.
-class Project {
+class RemoteProject {
 public:
-    Project(std::string host, std::uint16_t port, std::string name, std::string prefix,
-            std::string user, HttpTimes times, Cache& cache);
+    RemoteProject(std::string host, std::uint16_t port, std::string name, std::string prefix,
+                  std::string user, HttpTimes times, Cache& cache);
 
     [[nodiscard]] const std::string& name() const { return name_; }
     /// True if addresses name the project, because the server has several.
@@ -120,7 +120,7 @@ private:
     Asked followed_;                       // without layers
     std::map<std::string, Asked> pinned_;  // by pin
 };
-using ProjectPtr = std::shared_ptr<Project>;
+using ProjectPtr = std::shared_ptr<RemoteProject>;
 
 /// A file of a project.
 struct Located {

@@ -16,7 +16,7 @@ std::string_view fileNameIn(std::string_view path) { return path.substr(path.rfi
 
 }  // namespace
 
-ClipFiles::ClipFiles(const LayerPlaces& places, ProjectFiles& files,
+ClipFiles::ClipFiles(const LayerPlaces& places, PlainFiles& files,
                      std::function<bool(const LayerId&)> mayBeFile)
     : places_(places), projectFiles_(files), mayBeFile_(std::move(mayBeFile)) {}
 

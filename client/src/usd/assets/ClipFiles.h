@@ -12,23 +12,23 @@
 #include <vector>
 
 #include "usd/places/LayerPlaces.h"
-#include "usd/places/ProjectFiles.h"
+#include "usd/places/PlainFiles.h"
 
 namespace usdlive::client {
 
 /// The layers that value clips name. OpenUSD opens such a layer when a value needs it, uses what it
 /// has then, and does not compose it. So they are not made live and filled later, but are files of
-/// the project, which have their content when they are opened (ProjectFiles::readAsFile()).
+/// the project, which have their content when they are opened (PlainFiles::readAsFile()).
 ///
 /// A layer is none of them while it is live, if an arc names it as well, or if it was opened before
 /// clips named it. It is filled as other layers are, and its clips are composed again then.
 ///
-/// Does nothing while ProjectFiles is not started. Used by the thread that owns the layers.
+/// Does nothing while PlainFiles is not started. Used by the thread that owns the layers.
 class ClipFiles {
 public:
     /// `mayBeFile` returns whether a layer is in the project and not live. The arguments outlive
     /// this object.
-    ClipFiles(const LayerPlaces& places, ProjectFiles& files,
+    ClipFiles(const LayerPlaces& places, PlainFiles& files,
               std::function<bool(const LayerId&)> mayBeFile);
 
     /// Returns whether the layer is read as a file.
@@ -57,7 +57,7 @@ private:
     void addMatching(const LayerId& pattern, const std::set<LayerId>& project);
 
     const LayerPlaces& places_;
-    ProjectFiles& projectFiles_;
+    PlainFiles& projectFiles_;
     const std::function<bool(const LayerId&)> mayBeFile_;
     std::set<LayerId> named_;      // by clips; the project may not have them
     std::set<LayerId> templates_;  // in `clips` metadata

@@ -107,8 +107,7 @@ struct LateAssets::Search {
     std::atomic<bool> isDone = false;
 };
 
-LateAssets::LateAssets(LiveSet& live, LayerPlaces& places, const ProjectFiles& files,
-                       Worker& worker)
+LateAssets::LateAssets(LiveSet& live, LayerPlaces& places, const PlainFiles& files, Worker& worker)
     : live_(live), places_(places), files_(files), worker_(worker) {}
 LateAssets::~LateAssets() = default;
 

@@ -9,7 +9,7 @@
 #include "basics/Worker.h"
 #include "usd/live/LiveSet.h"
 #include "usd/places/LayerPlaces.h"
-#include "usd/places/ProjectFiles.h"
+#include "usd/places/PlainFiles.h"
 
 namespace usdlive::client {
 
@@ -20,7 +20,7 @@ namespace usdlive::client {
 class LateAssets {
 public:
     /// All arguments outlive this object.
-    LateAssets(LiveSet& live, LayerPlaces& places, const ProjectFiles& files, Worker& worker);
+    LateAssets(LiveSet& live, LayerPlaces& places, const PlainFiles& files, Worker& worker);
     ~LateAssets();
     LateAssets(const LateAssets&) = delete;
     LateAssets& operator=(const LateAssets&) = delete;
@@ -53,7 +53,7 @@ private:
 
     LiveSet& live_;
     LayerPlaces& places_;
-    const ProjectFiles& files_;
+    const PlainFiles& files_;
     Worker& worker_;
     Wanted next_;
     std::shared_ptr<Search> search_;  // shared with the worker; nullptr: none runs

@@ -34,8 +34,8 @@ constexpr const char* kWrittenSince = "another user has written it since";
 
 /// The order of the children of a prim, a variant or the pseudo-root when one of them was first
 /// touched, and when the recording ended.
-struct ChildOrder {
-    explicit ChildOrder(SdfPath of) : parent(std::move(of)) {}
+struct NotedOrder {
+    explicit NotedOrder(SdfPath of) : parent(std::move(of)) {}
     /// Gives children that were created since their places among the others.
     void include(const TfTokenVector& present);
     /// Returns true if nobody has moved the children that existed all the time.
@@ -50,11 +50,11 @@ struct ChildOrder {
 /// The content that the scopes of one layer share. Each of many siblings can be a scope, and a list
 /// of all of them and a layer for each would be superlinear.
 struct SharedContent {
-    std::map<SdfPath, std::shared_ptr<ChildOrder>> orders;  // by parent
+    std::map<SdfPath, std::shared_ptr<NotedOrder>> orders;  // by parent
     SdfLayerRefPtr specs;                                   // copies; null: none yet
 };
 
-void ChildOrder::include(const TfTokenVector& present) {
+void NotedOrder::include(const TfTokenVector& present) {
     if (before.empty()) {
         before = present;
         names.insert(present.begin(), present.end());
@@ -83,7 +83,7 @@ public:
     bool deep;
     std::vector<SdfPath> paths;  ///< parents first, siblings in reverse order
     std::unordered_map<SdfPath, Fields, SdfPath::Hash> fields;
-    std::vector<std::shared_ptr<ChildOrder>> orders;
+    std::vector<std::shared_ptr<NotedOrder>> orders;
     SdfLayerRefPtr specs;  ///< null: not kept
     std::shared_ptr<OthersWrites> others;
 
@@ -119,16 +119,16 @@ void LayerScope::keepSpecs(SharedContent& shared) {
 // Keeps the order of the children of each prim in the scope, and of the siblings of a prim that may
 // be deleted.
 void LayerScope::keepOrders(SharedContent& shared) {
-    const auto keep = [&](const SdfPath& parent) -> ChildOrder& {
+    const auto keep = [&](const SdfPath& parent) -> NotedOrder& {
         auto& order = shared.orders[parent];
-        if (!order) order = std::make_shared<ChildOrder>(parent);
+        if (!order) order = std::make_shared<NotedOrder>(parent);
         return *orders.emplace_back(order);
     };
     for (const SdfPath& path : paths)
         if (const auto children = primChildren(layer, path); !children.empty())
             keep(path).include(children);
     if (!deep || !root.IsPrimPath() || !has(root)) return;
-    ChildOrder& siblings = keep(root.GetParentPath());
+    NotedOrder& siblings = keep(root.GetParentPath());
     if (!siblings.names.contains(root.GetNameToken()))
         siblings.include(primChildren(layer, siblings.parent));
 }
@@ -150,7 +150,7 @@ public:
     void restore(const SdfPath& path, const SdfLayerHandle& specs);
     /// Restores the order of children in finish(), or only the places of the restored ones if
     /// others have moved some since.
-    void arrange(const ChildOrder& order) { orders_.emplace(order.parent, &order); }
+    void arrange(const NotedOrder& order) { orders_.emplace(order.parent, &order); }
     void finish();
 
 private:
@@ -158,7 +158,7 @@ private:
     bool force_;
     std::map<SdfPath, std::set<SdfPath>> removed_;   // by owner
     std::map<SdfPath, std::set<TfToken>> restored_;  // prims, by parent
-    std::map<SdfPath, const ChildOrder*> orders_;
+    std::map<SdfPath, const NotedOrder*> orders_;
 };
 
 void ChildrenUndo::removeBelow(const SdfPath& owner) {
@@ -178,7 +178,7 @@ void ChildrenUndo::restore(const SdfPath& path, const SdfLayerHandle& specs) {
     if (path.IsPrimPath()) restored_[path.GetParentPath()].insert(path.GetNameToken());
 }
 
-bool ChildOrder::isAsWritten(const TfTokenVector& present,
+bool NotedOrder::isAsWritten(const TfTokenVector& present,
                              const std::set<TfToken>& restored) const {
     const Names later(after.begin(), after.end()), now(present.begin(), present.end());
     const auto common = [&](const TfTokenVector& all) {

@@ -143,7 +143,7 @@ std::string Client::identifierOf(const LayerId& layer, const pxr::SdfLayerHandle
 
 Client::TickResult Client::tick(double budgetMs) { return here("tick").tick(budgetMs); }
 void Client::withoutWaiting(const std::function<void()>& compose) {
-    const client::ProjectFiles::Tick neverWaits(here("withoutWaiting").files());
+    const client::PlainFiles::Tick neverWaits(here("withoutWaiting").files());
     const client::DynamicPayloadTick neverAsks;
     compose();
 }

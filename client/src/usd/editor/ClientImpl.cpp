@@ -140,7 +140,7 @@ Client::TickResult Client::Impl::tick(double budgetMs, Seal seal) {
 void Client::Impl::work(double budgetMs, TickResult& result, Seal seal) {
     const Raised ticking(ticking_);
     const Stopwatch watch;
-    const client::ProjectFiles::Tick neverWaits(files_);
+    const client::PlainFiles::Tick neverWaits(files_);
     const client::DynamicPayloadTick payloads;
     const auto left = [&] { return std::max(budgetMs - watch.ms(), 0.1); };
     layers_.adoptLoaded(left());

@@ -13,19 +13,19 @@
 
 #include "basics/CallerThread.h"
 #include "basics/ProcessFolder.h"
-#include "link/Answers.h"
+#include "link/AwaitedAnswers.h"
 #include "link/EditorEvents.h"
-#include "link/ServerLine.h"
+#include "link/ServerLink.h"
 #include "session/Session.h"
 #include "usd/assets/LateAssets.h"
 #include "usd/editor/ClientInternals.h"
 #include "usd/editor/LocksAndMutes.h"
 #include "usd/editor/OpenLayers.h"
 #include "usd/editor/OpenRequests.h"
-#include "usd/live/BigValues.h"
 #include "usd/live/EditorFrame.h"
+#include "usd/live/NeededBigValues.h"
 #include "usd/places/FolderPlaces.h"
-#include "usd/places/ProjectFiles.h"
+#include "usd/places/PlainFiles.h"
 #include "usdlive/client/usd/Client.h"
 #include "values/FileUploads.h"
 #include "work/LostWorkReports.h"
@@ -112,7 +112,7 @@ public:
     [[nodiscard]] client::LocksAndMutes& locks() { return locks_; }
     /// Gives layers addresses, if the resolver plug-in is there.
     void useAddresses();
-    [[nodiscard]] client::ProjectFiles& files() { return files_; }
+    [[nodiscard]] client::PlainFiles& files() { return files_; }
     [[nodiscard]] const client::CacheFolderPlaces& cache() const { return cache_; }
     [[nodiscard]] const client::AllPlaces& places() const { return places_; }
 
@@ -173,16 +173,16 @@ private:
     client::AllPlaces places_;
     client::EditorEvents events_;
     client::LostWorkReports lost_;
-    client::BigValues values_;
+    client::NeededBigValues values_;
     client::Worker filler_;   // builds the content of layers
     client::Worker encoder_;  // encodes the editor's big arrays
     client::EditorFrame frame_;
-    client::ServerLine line_;
+    client::ServerLink line_;
     std::unique_ptr<client::UnsentWorkStore> unsent_;  // set when the project is known
     StoreId store_;                                    // the project of unsent_
     client::ClientInternals::Connector connector_;
     client::Session session_;
-    client::ProjectFiles files_;
+    client::PlainFiles files_;
     client::OpenLayers layers_;
     client::OpenRequests opens_;
     client::LocksAndMutes locks_;
@@ -191,7 +191,7 @@ private:
     /// Uploads that ended, and for which the list of files is awaited, with its number.
     std::vector<std::pair<client::FileUploads::Ended, std::uint64_t>> uploaded_;
     std::map<std::uint64_t, std::optional<Result<void>>> awaitedUploads_;  // by blocking calls
-    client::Answers answers_;
+    client::AwaitedAnswers answers_;
     std::vector<client::event::Joined> joined_;  // events for layers that are not filled yet
     bool ticking_ = false;
     std::optional<usd::SdfLayerStore::Block> edits_;  // the session makes them while it advances

@@ -14,10 +14,10 @@
 #include "link/EditorEvents.h"
 #include "session/Session.h"
 #include "usd/assets/ClipFiles.h"
-#include "usd/live/BigValues.h"
 #include "usd/live/LayerViews.h"
 #include "usd/live/LiveSet.h"
 #include "usd/live/LoadedLayers.h"
+#include "usd/live/NeededBigValues.h"
 #include "usd/places/LayerPlaces.h"
 #include "usdlive/client/usd/LoadSet.h"
 #include "work/LostWorkReports.h"
@@ -32,10 +32,10 @@ public:
     struct Surroundings {
         Session& session;
         LayerPlaces& places;
-        ProjectFiles& files;
+        PlainFiles& files;
         EditorEvents& events;
         LostWorkReports& lost;
-        BigValues& values;
+        NeededBigValues& values;
         BlobSink& sink;      ///< for the editor's big arrays
         Worker& filler;      ///< builds the content of layers
         Worker& background;  ///< searches for loaded layers

@@ -18,7 +18,7 @@ namespace usdlive::client {
 /// caller takes.
 class OpenRequests {
 public:
-    OpenRequests(OpenLayers& layers, BigValues& values, EditorEvents& events)
+    OpenRequests(OpenLayers& layers, NeededBigValues& values, EditorEvents& events)
         : layers_(layers), values_(values), events_(events) {}
 
     enum class Reports { Event, Outcome };
@@ -74,7 +74,7 @@ private:
     Requests::iterator end(Requests::iterator request, Result<void> outcome);
 
     OpenLayers& layers_;
-    BigValues& values_;
+    NeededBigValues& values_;
     EditorEvents& events_;
     Requests requests_;
     std::deque<std::uint64_t> unstarted_;

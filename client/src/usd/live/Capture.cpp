@@ -12,7 +12,7 @@
 #include <algorithm>
 #include <utility>
 
-#include "usd/live/ChildOrder.h"
+#include "usd/live/Placements.h"
 #include "usdlive/common/core/Overloaded.h"
 #include "usdlive/common/core/Utf8.h"
 #include "usdlive/common/layer/FieldParts.h"

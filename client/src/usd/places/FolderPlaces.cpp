@@ -7,7 +7,7 @@
 #include <system_error>
 #include <utility>
 
-#include "usd/places/ProjectFiles.h"  // encodedInAddress
+#include "usd/places/PlainFiles.h"  // encodedInAddress
 #include "usdlive/common/core/LayerPath.h"
 #include "usdlive/common/core/PercentEncoding.h"
 

@@ -175,10 +175,6 @@ std::optional<Error> Greeting::whyNotResumable(const Session& session,
                                                const Hello::Resume& resume) const {
     if (auto forgotten = whyForgotten(session, resume)) return forgotten;
     const std::string at = "revision " + std::to_string(resume.revision);
-    const Revision inParts = catchup_->newestInParts();
-    if (resume.revision < inParts && !session.features.contains(kPartsFeature))
-        return staleBase("commit " + std::to_string(inParts) +
-                         " is sent in parts, which the client cannot read");
     if (line_->durable() - resume.revision > kMaxResumeCommits)
         return staleBase(at + " is too old to resume from");
     return std::nullopt;
@@ -273,8 +269,7 @@ void Greeting::sendWelcome(const Session& session, const Hello& hello, bool resu
     message.administrator = session.subject.isAdministrator;
     message.base = start_->oldest();
     message.store = *identity_;
-    if (session.features.contains(kPartsFeature))
-        message.maxTransactionBytes = options_->maxTransactionBytes;
+    message.maxTransactionBytes = options_->maxTransactionBytes;
     sessions_->send(session, message);
 }
 

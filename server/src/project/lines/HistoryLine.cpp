@@ -67,12 +67,11 @@ bool HistoryLine::isLayerDataInFlight(const LayerId& layer) const {
 
 // ---- ordering
 
-/// Returns whether the commit of a transaction may be too large, or larger than its author can
-/// read. A commit contains its transaction with whole paths.
+/// Returns whether the commit of a transaction may be too large. A commit contains its transaction
+/// with whole paths.
 bool HistoryLine::mayNotFit(const Submission& submission) const {
     constexpr std::size_t kMaxPathBytes = 16 * 1024;
-    std::uint64_t most = std::min<std::uint64_t>(limits_.commits.frame, limits_.commits.commit);
-    if (!submission.readsParts) most = std::min<std::uint64_t>(most, limits_.commits.wholeCommit);
+    const auto most = std::min<std::uint64_t>(limits_.commits.frame, limits_.commits.commit);
     return submission.bytes + (submission.transaction.edits.size() + 1) * kMaxPathBytes > most;
 }
 
@@ -92,8 +91,7 @@ std::variant<Revision, Refused> HistoryLine::commit(const Submission& submission
     auto refused = submission.check ? submission.check(executed, before) : std::nullopt;
     if (!refused) {
         auto made = make(transaction, submission.user, std::move(executed), mark);
-        if (made && (submission.readsParts || !isInParts(*made->second.frame)))
-            return append(std::move(made->first), std::move(made->second));
+        if (made) return append(std::move(made->first), std::move(made->second));
         refused =
             Refused{{ErrorCode::TransactionTooLarge,
                      "the commit would exceed the largest size, or one of its values that of a "

@@ -62,13 +62,12 @@ public:
     using Check =
         std::function<std::optional<Refused>(const Executed& executed, const LayerDocs& before)>;
 
-    /// A transaction with the rights and features of its author.
+    /// A transaction with the rights of its author.
     struct Submission {
         const Transaction& transaction;
         std::size_t bytes = 0;  ///< size as received
         UserName user;
-        bool readsParts = true;  ///< the author can read a commit in parts (FR8)
-        Check check = {};        ///< empty: no check
+        Check check = {};  ///< empty: no check
     };
     /// Executes and orders a transaction, or changes nothing. Returns the revision of its commit.
     /// Precondition: its layers are loaded.

@@ -57,7 +57,6 @@ void Catchup::begin(const Session& session, Revision position) {
     stream.id = session.id;
     stream.client = session.client;
     stream.conflates = session.features.contains(kConflation);
-    stream.readsParts = session.features.contains(kPartsFeature);
     stream.readsCompact = session.features.contains(kCompactFeature);
     stream.greetedAt = line_->durable();
     stream.position = position;

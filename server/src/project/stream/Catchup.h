@@ -75,7 +75,6 @@ public:
     [[nodiscard]] Revision greetedAt(SessionId session) const;
     /// Returns the hash of the chain at a revision; nothing if it is not in memory.
     [[nodiscard]] std::optional<Hash> hashAt(Revision revision) const;
-    [[nodiscard]] Revision newestInParts() const { return recent_.newestInParts(); }
     /// Returns the oldest revision after which a session still needs commits; `newest` if none
     /// does.
     [[nodiscard]] Revision oldestNeeded(Revision newest) const;
@@ -92,7 +91,7 @@ private:
     struct Stream {
         SessionId id = 0;
         ClientId client;
-        bool conflates = false, readsParts = false, readsCompact = false;  ///< features
+        bool conflates = false, readsCompact = false;  ///< features
         bool isClosing = false;
         std::variant<Live, CatchingUp, SendingLog> state = CatchingUp{};
         Revision greetedAt = 0;  ///< newest durable commit at the welcome

@@ -107,12 +107,7 @@ void Catchup::sendPast(Stream& stream, const SharedBytes& frame) {
         outbox_->send(stream.id, frame);
         return commitSent(stream);
     }
-    const Revision revision = stream.next();
-    recent_.shareInParts(revision, frame);
-    if (!stream.readsParts)
-        return close(stream, {ErrorCode::StaleBase, "commit " + std::to_string(revision) +
-                                                        " is sent in parts, which the client "
-                                                        "cannot read: open the layers again"});
+    recent_.shareInParts(stream.next(), frame);
     stream.sending = SendingParts{frame};
 }
 

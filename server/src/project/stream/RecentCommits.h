@@ -44,7 +44,6 @@ public:
 
     /// Call it when a session is being sent this commit in parts.
     void shareInParts(Revision revision, const SharedBytes& frames) {
-        newestInParts_ = std::max(newestInParts_, revision);
         inParts_[revision] = frames;
     }
     /// Returns nullptr if no session is being sent the commit.
@@ -55,16 +54,12 @@ public:
         if (!frames) inParts_.erase(found);
         return frames;
     }
-    /// Returns the newest commit in parts that this process has sent. A client that cannot read
-    /// parts cannot resume before it.
-    [[nodiscard]] Revision newestInParts() const { return newestInParts_; }
 
 private:
     std::deque<Entry> entries_;
     std::size_t bytes_ = 0;
     std::size_t maxBytes_;
     std::map<Revision, std::weak_ptr<const Bytes>> inParts_;
-    Revision newestInParts_ = 0;
 };
 
 }  // namespace usdlive::server

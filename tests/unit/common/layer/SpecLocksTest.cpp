@@ -3,6 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include "unit/common/layer/SpecLockEdits.h"
+
 namespace usdlive {
 namespace {
 

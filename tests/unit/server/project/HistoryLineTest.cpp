@@ -62,7 +62,7 @@ protected:
     std::variant<Revision, Refused> submit(HistoryLine& to, std::vector<Edit> edits,
                                            HistoryLine::Check check = {}) {
         const Transaction transaction{{kClient, ++sequence}, to.durable(), 0, std::move(edits)};
-        return to.commit({transaction, 100, user, true, std::move(check)}, creations);
+        return to.commit({transaction, 100, user, std::move(check)}, creations);
     }
     Revision commit(HistoryLine& to, std::vector<Edit> edits) {
         return std::get<Revision>(submit(to, std::move(edits)));

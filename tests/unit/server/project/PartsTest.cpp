@@ -16,10 +16,8 @@ protected:
         world.options.partBytes = 500;
         world.restart();
     }
-    void join(SessionId session, bool knowsParts = true) {
-        Hello hello = world.hello(session);
-        if (knowsParts) hello.features = {kPartsFeature};
-        world.connect(session, hello);
+    void join(SessionId session) {
+        world.connect(session, world.hello(session));
         world.host.sent[session].clear();
     }
     static std::vector<Edit> paste() {
@@ -108,7 +106,6 @@ TEST_F(ProjectParts, FR8AResumeAcrossItReadsFromTheStore) {
     world.submit(1, 2, {create("/C")});
     world.store();
     Hello hello = world.hello(3);
-    hello.features = {kPartsFeature};
     hello.resume = Hello::Resume{world.epoch, 0, Hash{}};
     world.connect(3, hello);
     EXPECT_TRUE(world.nextControl<Welcome>(3).resumed);
@@ -148,26 +145,6 @@ TEST_F(ProjectParts, SE22WhatWasOrderedOrRefusedTakesNothing) {
         world.store();
     }
     EXPECT_TRUE(world.host.closed.empty());
-}
-
-TEST_F(ProjectParts, FR8AClientWithoutPartsOpensItsLayersAgain) {
-    join(1);
-    join(2, false);
-    submit(1, 1);
-    world.load();
-    world.store();
-    const auto received = world.nextControl<ErrorMessage>(2);
-    EXPECT_EQ(received.code, "staleBase");
-    EXPECT_TRUE(received.closing);
-    EXPECT_TRUE(world.host.closed.contains(2));
-    world.project->disconnected(2);
-    Hello hello = world.hello(2);
-    hello.resume = Hello::Resume{world.epoch, 0, Hash{}};
-    world.connect(2, hello);
-    EXPECT_EQ(world.nextControl<ErrorMessage>(2).code, "staleBase");
-    const auto welcome = world.nextControl<Welcome>(2);
-    EXPECT_FALSE(welcome.resumed);
-    EXPECT_EQ(welcome.revision, 1u);
 }
 
 TEST_F(ProjectParts, FR8ATooLargeTransactionIsRefusedOnceWithTheLimit) {

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "FakeHost.h"
+#include "unit/common/layer/SpecLockEdits.h"
 #include "usdlive/common/core/ByteStream.h"
 
 namespace usdlive::server::projecttest {

@@ -17,8 +17,7 @@ using SpecLocks = std::map<std::string, UserName>;
 
 [[nodiscard]] SpecLocks specLocksOf(const LayerDoc& root);
 
-/// Return the edit of the root layer's pseudo-root that locks or unlocks a spec.
-[[nodiscard]] EditAction specLockEdit(const std::string& path, const UserName& owner);
+/// Returns the edit of the root layer's pseudo-root that unlocks a spec.
 [[nodiscard]] EditAction specUnlockEdit(const std::string& path);
 
 /// Returns true if the action, of a pseudo-root, may change the spec locks.

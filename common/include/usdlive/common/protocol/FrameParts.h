@@ -9,7 +9,7 @@
 
 namespace usdlive {
 
-/// The feature of sessions that know parts. Other sessions open their layers again instead.
+/// The feature of both ends that know parts. All of protocol version 2 do, and name it.
 inline constexpr const char* kPartsFeature = "parts";
 
 /// The approximate size of a part in bytes. Such a part is within the bounds of FR7 however often

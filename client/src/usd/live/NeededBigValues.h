@@ -14,9 +14,9 @@ namespace usdlive::client {
 
 /// Keeps the big values of a client (B2-B7): requests missing values that layers name from the
 /// server, delivers them to the layers, and releases values that nothing names any more.
-class BigValues {
+class NeededBigValues {
 public:
-    BigValues(std::filesystem::path folder, std::uint64_t folderBytes);
+    NeededBigValues(std::filesystem::path folder, std::uint64_t folderBytes);
 
     [[nodiscard]] BlobCache& cache() { return cache_; }
     /// The source for layers. A missing value is requested by the next requestMissing().
@@ -47,11 +47,11 @@ public:
 private:
     class Source final : public BlobSource {
     public:
-        explicit Source(BigValues& values) : values_(values) {}
+        explicit Source(NeededBigValues& values) : values_(values) {}
         SharedBytes blob(const Hash& hash) override;
 
     private:
-        BigValues& values_;
+        NeededBigValues& values_;
     };
 
     [[nodiscard]] bool isWorthReleasing(const Session& session, const std::set<Hash>& lost);

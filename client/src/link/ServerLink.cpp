@@ -1,10 +1,10 @@
 // Passes messages between a connection and the session.
-#include "link/ServerLine.h"
+#include "link/ServerLink.h"
 
 #include <utility>
 #include <variant>
 
-#include "link/Answers.h"
+#include "link/AwaitedAnswers.h"
 
 namespace usdlive::client {
 
@@ -14,26 +14,26 @@ constexpr std::size_t kMessagesPerTick = 4096;
 
 }  // namespace
 
-void ServerLine::receive(Session& session) {
+void ServerLink::receive(Session& session) {
     for (auto& happening : connection_->poll(kMessagesPerTick))
         std::visit([&](auto& one) { take(one, session); }, happening);
 }
 
-void ServerLine::take(Connection::Opened&, Session& session) {
+void ServerLink::take(Connection::Opened&, Session& session) {
     open_ = true;
     session.connected();
 }
 
-void ServerLine::take(Connection::Message& message, Session& session) {
+void ServerLink::take(Connection::Message& message, Session& session) {
     if (open_) session.received(std::get<ReceivedMessage>(std::move(message.content)));
 }
 
-void ServerLine::take(Connection::Lost& lost, Session& session) {
+void ServerLink::take(Connection::Lost& lost, Session& session) {
     lastLoss_ = lost.reason;
     if (std::exchange(open_, false)) session.disconnected(std::move(lost.reason), lost.unconfirmed);
 }
 
-bool ServerLine::closing(const ErrorMessage& message, Session& session) {
+bool ServerLink::closing(const ErrorMessage& message, Session& session) {
     const bool again = refusal_ && refusal_->message == message.message;
     refusal_ = message;
     Error error = toError(message);
@@ -42,7 +42,7 @@ bool ServerLine::closing(const ErrorMessage& message, Session& session) {
     return !again;
 }
 
-void ServerLine::hangUp(Error reason, Session& session) {
+void ServerLink::hangUp(Error reason, Session& session) {
     if (!std::exchange(open_, false)) return;
     connection_->reset();
     lastLoss_ = reason;

@@ -28,13 +28,13 @@ namespace usdlive::client {
 /// Lets the resolver plug-in find the files of the project, and follows their changes. A worker
 /// asks the server for the list of files, for at most a twentieth of its time; no other function
 /// waits for the server. Used by the thread that owns the layers.
-class ProjectFiles {
+class PlainFiles {
 public:
-    ProjectFiles();
+    PlainFiles();
     /// Stops requests that have not been answered.
-    ~ProjectFiles();
-    ProjectFiles(const ProjectFiles&) = delete;
-    ProjectFiles& operator=(const ProjectFiles&) = delete;
+    ~PlainFiles();
+    PlainFiles(const PlainFiles&) = delete;
+    PlainFiles& operator=(const PlainFiles&) = delete;
 
     /// Returns the address of the project, whose layers have placeholders in `folder`. Nothing if
     /// the plug-in or an address for HTTP is missing; problem() says why.
@@ -49,13 +49,13 @@ public:
     /// compose and that are not here yet are not found. They are fetched when the last one ends.
     class Tick {
     public:
-        explicit Tick(ProjectFiles& files);
+        explicit Tick(PlainFiles& files);
         ~Tick();
         Tick(const Tick&) = delete;
         Tick& operator=(const Tick&) = delete;
 
     private:
-        ProjectFiles& files_;
+        PlainFiles& files_;
     };
     /// Sets whether a layer is a file like others: it has its content when it is opened, and is
     /// loaded again when it changes. Precondition: isStarted().

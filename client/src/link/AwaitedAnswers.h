@@ -13,7 +13,7 @@ namespace usdlive::client {
 
 /// The answers by the numbers of their requests. Several requests may wait at the same time if an
 /// event handler makes one while a blocking call dispatches events.
-class Answers {
+class AwaitedAnswers {
 public:
     void await(std::uint64_t request) { awaited_[request] = std::nullopt; }
     [[nodiscard]] bool isAwaited(std::uint64_t request) const { return awaited_.contains(request); }

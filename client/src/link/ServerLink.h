@@ -11,9 +11,9 @@ namespace usdlive::client {
 
 /// Passes the messages of a connection to the session, and keeps the reason why it was lost or
 /// refused. Used by one thread; the network has a thread of its own.
-class ServerLine {
+class ServerLink {
 public:
-    explicit ServerLine(std::unique_ptr<Connection> connection)
+    explicit ServerLink(std::unique_ptr<Connection> connection)
         : connection_(std::move(connection)) {}
 
     [[nodiscard]] Connection& connection() { return *connection_; }

@@ -1,5 +1,5 @@
 // Connects the client with the resolver plug-in.
-#include "usd/places/ProjectFiles.h"
+#include "usd/places/PlainFiles.h"
 
 #include <dlfcn.h>
 #include <pxr/base/plug/plugin.h>
@@ -62,7 +62,7 @@ std::string encodedInAddress(std::string_view path) {
     return percentEncodedIf(path, [](char c) { return c == '%' || c == '@'; });
 }
 
-struct ProjectFiles::State {
+struct PlainFiles::State {
     /// Asks for the list, and collects the changed files. Returns false if there was no answer.
     bool ask() {
         return resolver->refresh(
@@ -91,16 +91,16 @@ struct ProjectFiles::State {
     std::atomic<bool> stops = false;
 };
 
-ProjectFiles::ProjectFiles() = default;
-ProjectFiles::~ProjectFiles() {
+PlainFiles::PlainFiles() = default;
+PlainFiles::~PlainFiles() {
     if (!state_) return;
     state_->stops = true;
     worker_.reset();
     resolver_->close(token_);
 }
 
-std::optional<std::string> ProjectFiles::start(const fs::path& folder,
-                                               const std::optional<ServerAddress>& web) {
+std::optional<std::string> PlainFiles::start(const fs::path& folder,
+                                             const std::optional<ServerAddress>& web) {
     const auto refuse = [this](std::string why) {
         problem_ = Error{ErrorCode::InvalidConfiguration,
                          "files of the project that are no layers, such as textures, are not "
@@ -130,7 +130,7 @@ std::optional<std::string> ProjectFiles::start(const fs::path& folder,
     return base_;
 }
 
-void ProjectFiles::follow(bool isConnected, const Connection& connection, std::int64_t nowMs) {
+void PlainFiles::follow(bool isConnected, const Connection& connection, std::int64_t nowMs) {
     if (isConnected != isConnected_ || (isConnected && nowMs >= dueAtMs_)) {
         if (!isConnected_) retryAtMs_ = 0;
         isConnected_ = isConnected;
@@ -145,7 +145,7 @@ void ProjectFiles::follow(bool isConnected, const Connection& connection, std::i
     fetchUsed();
 }
 
-void ProjectFiles::ask(std::int64_t nowMs) {
+void PlainFiles::ask(std::int64_t nowMs) {
     const std::lock_guard lock(state_->mutex);
     if (state_->isAsking) {
         if (wanted_ <= state_->asked) dueAtMs_ = nowMs + kFilesEveryMs;
@@ -166,36 +166,36 @@ void ProjectFiles::ask(std::int64_t nowMs) {
     });
 }
 
-std::uint64_t ProjectFiles::askSoon() {
+std::uint64_t PlainFiles::askSoon() {
     const std::lock_guard lock(state_->mutex);
     dueAtMs_ = 0;
     return wanted_ = state_->asked + 1;  // one that was asked for before may be too old
 }
 
-bool ProjectFiles::isReported(std::uint64_t list) const {
+bool PlainFiles::isReported(std::uint64_t list) const {
     if (!isConnected_) return true;
     const std::lock_guard lock(state_->mutex);
     return state_->answered >= list && state_->found.empty() && state_->changed.empty() &&
            state_->fetching == 0;
 }
 
-std::optional<std::string> ProjectFiles::fileAt(const std::string& identifier) const {
+std::optional<std::string> PlainFiles::fileAt(const std::string& identifier) const {
     std::string path = pxr::SdfLayer::SplitIdentifier(identifier).first;
     if (pxr::ArIsPackageRelativePath(path)) path = pxr::ArSplitPackageRelativePathOuter(path).first;
     if (!isStarted() || !path.starts_with(base_)) return std::nullopt;
     return percentDecoded(std::string_view(path).substr(base_.size()));
 }
 
-void ProjectFiles::readAsFile(const std::string& path, bool isFile) {
+void PlainFiles::readAsFile(const std::string& path, bool isFile) {
     resolver_->readAsFile(token_, path.c_str(), isFile ? 1 : 0);
 }
 
-bool ProjectFiles::mayWait() const {
+bool PlainFiles::mayWait() const {
     return isStarted() && isConnected_ && ticks_ == 0 && steadyMs() >= mayWaitAtMs_;
 }
 
-pxr::SdfLayerRefPtr ProjectFiles::openWithContent(const std::string& path,
-                                                  const std::string& identifier) {
+pxr::SdfLayerRefPtr PlainFiles::openWithContent(const std::string& path,
+                                                const std::string& identifier) {
     constexpr double kTooLongMs = 1'000;
     constexpr std::int64_t kPauseMs = 30'000;
     const Stopwatch watch;
@@ -208,11 +208,11 @@ pxr::SdfLayerRefPtr ProjectFiles::openWithContent(const std::string& path,
     return layer;
 }
 
-ProjectFiles::Tick::Tick(ProjectFiles& files) : files_(files) {
+PlainFiles::Tick::Tick(PlainFiles& files) : files_(files) {
     if (files_.ticks_++ == 0 && files_.isStarted()) files_.resolver_->beginTick(files_.token_);
 }
 
-ProjectFiles::Tick::~Tick() {
+PlainFiles::Tick::~Tick() {
     if (--files_.ticks_ > 0 || !files_.isStarted()) return;
     std::set<std::string> needed;
     files_.resolver_->endTick(
@@ -225,7 +225,7 @@ ProjectFiles::Tick::~Tick() {
 }
 
 // Also fetches the files that did not arrive the last time, in pauses that get longer.
-void ProjectFiles::fetchNeeded(std::set<std::string> files) {
+void PlainFiles::fetchNeeded(std::set<std::string> files) {
     constexpr std::int64_t kFirstPauseMs = 1'000, kLongestPauseMs = 60'000;
     const std::int64_t now = steadyMs();
     {
@@ -245,8 +245,8 @@ void ProjectFiles::fetchNeeded(std::set<std::string> files) {
 
 /// Fetches the last file, and posts a task for the others, so that requests for the list come in
 /// between.
-void ProjectFiles::fetchNext(const std::shared_ptr<State>& state, Worker& worker,
-                             std::vector<std::string> files) {
+void PlainFiles::fetchNext(const std::shared_ptr<State>& state, Worker& worker,
+                           std::vector<std::string> files) {
     worker.post([state, &worker, files = std::move(files)]() mutable {
         std::string file = std::move(files.back());
         files.pop_back();
@@ -262,7 +262,7 @@ void ProjectFiles::fetchNext(const std::shared_ptr<State>& state, Worker& worker
 }
 
 // A tick must not wait until a package has arrived that a stage uses.
-void ProjectFiles::fetchUsed() {
+void PlainFiles::fetchUsed() {
     std::set<std::string> found;
     {
         const std::lock_guard lock(state_->mutex);
@@ -286,14 +286,14 @@ void ProjectFiles::fetchUsed() {
     });
 }
 
-ProjectFiles::News ProjectFiles::takeNews() {
+PlainFiles::News PlainFiles::takeNews() {
     const std::lock_guard lock(state_->mutex);
     const auto changed = std::exchange(state_->changed, {});
     const auto arrived = std::exchange(state_->arrived, {});
     return {{changed.begin(), changed.end()}, {arrived.begin(), arrived.end()}};
 }
 
-std::vector<std::string> ProjectFiles::reload(
+std::vector<std::string> PlainFiles::reload(
     const std::vector<std::string>& files,
     const std::function<bool(const pxr::SdfLayerHandle&)>& isLive) const {
     std::set<pxr::SdfLayerHandle> changed, changedClips;

@@ -1,5 +1,5 @@
 // Tests the moves that turn one order of children into another.
-#include "usd/live/ChildOrder.h"
+#include "usd/live/Placements.h"
 
 #include <gtest/gtest.h>
 
@@ -21,7 +21,7 @@ Names applied(Names list, const std::vector<std::pair<std::string, std::string>>
 
 }  // namespace
 
-TEST(ChildOrder, OneMovedChildIsOneMove) {
+TEST(Placements, OneMovedChildIsOneMove) {
     const Names from{"a", "b", "c", "d"};
     EXPECT_TRUE(placements(from, from).empty());
     EXPECT_TRUE(placements({}, {}).empty());
@@ -31,7 +31,7 @@ TEST(ChildOrder, OneMovedChildIsOneMove) {
     EXPECT_EQ(placements(from, {"d", "c", "b", "a"}).size(), 3u);
 }
 
-TEST(ChildOrder, TurnsAnyOrderIntoAnyOther) {
+TEST(Placements, TurnsAnyOrderIntoAnyOther) {
     for (unsigned seed = 0; seed < 200; ++seed) {
         SCOPED_TRACE(seed);
         std::mt19937 random(seed);
