@@ -70,8 +70,8 @@ static void digest(Digest& out, const RecentCommits& part) {
     out(part.entries_.size(), part.entries_.empty() ? Revision(0) : part.entries_.front().revision);
 }
 static void digest(Digest& out, const Catchup::Stream& part) {
-    const auto& [id, client, conflates, readsCompact, isClosing, state, greetedAt,
-                 position, isAhead, opened, submitted, names, logs, sending, answers] = part;
+    const auto& [id, client, conflates, readsCompact, isClosing, state, greetedAt, position,
+                 isAhead, opened, submitted, names, logs, sending, answers] = part;
     // Nothing is so large that it goes in parts.
     out(isClosing, state, greetedAt, position, opened, logs, answers);
 }

@@ -189,7 +189,7 @@ void LateAssets::start() {
         for (const std::string& path : *paths) search->fileNames.insert(nameOfFile(path));
     for (const auto& [id, live] : live_.all())
         if (const LayerDoc* doc =
-                live->namesLayers() || live->namesClips() ? live->content() : nullptr)
+                live->uses().namesLayers() || live->uses().namesClips() ? live->content() : nullptr)
             search->docs.emplace_back(id, *doc);
     if (search->docs.empty()) return;
     search_ = search;

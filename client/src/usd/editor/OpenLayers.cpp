@@ -123,7 +123,7 @@ const std::vector<LayerId>& OpenLayers::openUsed(LiveLayer& live, LoadSet load) 
 std::vector<std::pair<std::string, LayerId>> OpenLayers::usedBy(const LiveLayer& live,
                                                                 LoadSet load) const {
     std::vector<std::pair<std::string, LayerId>> used;
-    if (!live.namesLayers()) return used;
+    if (!live.uses().namesLayers()) return used;
     for (const auto& asset : usedAssets(live.layer(), load)) {
         auto identifier = pxr::SdfComputeAssetPathRelativeToLayer(live.layer(), asset);
         auto id = with_.places.layerAt(identifier);
@@ -323,7 +323,7 @@ std::size_t OpenLayers::fill(double budgetMs) {
 void OpenLayers::makeNamedFindable() {
     std::vector<std::pair<LiveLayer*, std::set<std::string>>> clips;
     for (LiveLayer* live : live_.active()) {
-        if (!live->hasNamed()) continue;
+        if (!live->uses().hasNew()) continue;
         const auto named = live->takeNamed();
         clips_.addArcs(live->layer(), named.arcs);
         if (!named.clips.empty()) clips.emplace_back(live, named.clips);

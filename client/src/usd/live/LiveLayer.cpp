@@ -27,8 +27,8 @@ LiveLayer::LiveLayer(LayerId id, pxr::SdfLayerRefPtr layer, Surroundings surroun
       layer_(std::move(layer)),
       surroundings_(std::move(surroundings)),
       capture_(id_, surroundings_.view, surroundings_.wake, surroundings_.clipsWritten,
-               surroundings_.layersNamed) {
-    setPermission(true, false);
+               surroundings_.layersNamed),
+      permission_(layer_) {
     const auto self = pxr::TfCreateWeakPtr(this);
     replacedKey_ =
         pxr::TfNotice::Register(self, &LiveLayer::onReplaced, pxr::SdfLayerHandle(layer_));
@@ -48,21 +48,8 @@ LiveLayer::~LiveLayer() {
     pxr::TfNotice::Revoke(savedKey_);
     pxr::TfNotice::Revoke(changedKey_);
     store_.reset();
-    setPermission(false, false);
+    permission_.release();
 }
-
-void LiveLayer::setPermission(bool closed, bool lockedByOther) {
-    const bool before = closed_ || lockedByOther_;
-    closed_ = closed;
-    lockedByOther_ = lockedByOther;
-    const bool after = closed || lockedByOther;
-    if (before == after) return;
-    // A muted layer never permits edits, so the editor's own setting is unknown.
-    if (after) permitted_ = layer_->IsMuted() || layer_->PermissionToEdit();
-    layer_->SetPermissionToEdit(!after && permitted_);
-}
-
-void LiveLayer::setLockedByOther(bool locked) { setPermission(closed_, locked); }
 
 bool LiveLayer::isIdle() const {
     return !fill_ && !capture_.hasWrites() && !expectsReplacement_ && !startOver_ &&
@@ -74,24 +61,8 @@ void LiveLayer::noteUses() {
     surroundings_.wake();
 }
 
-// The layer may have the content of the edit only at the end of a block.
 void LiveLayer::noteNames(const std::string& path, const EditAction& action) {
-    const auto* set = std::get_if<SetField>(&action);
-    if (set && (usd::namesLayers(set->field) || usd::namesClips(set->field)))
-        noteNaming(path, set->field);
-}
-
-void LiveLayer::noteNaming(std::string path, std::string field) {
-    (usd::namesClips(field) ? namesClips_ : namesLayers_) = true;
-    naming_.emplace(std::move(path), std::move(field));
-    noteUses();
-}
-
-usd::LayerFill::Named LiveLayer::takeNamed() {
-    for (const auto& [path, field] : std::exchange(naming_, {}))
-        usd::addNamedAssets(layer_->GetField(pxr::SdfPath(path), pxr::TfToken(field)),
-                            usd::namesClips(field) ? named_.clips : named_.arcs);
-    return std::exchange(named_, {});
+    if (uses_.note(path, action)) noteUses();
 }
 
 std::unique_ptr<BackgroundFill> LiveLayer::newFill() {
@@ -114,7 +85,7 @@ void LiveLayer::arrived(const LayerDoc& snapshot) {
 void LiveLayer::reset(const LayerDoc& doc) {
     surroundings_.wake();
     capture_.discard();
-    setPermission(true, lockedByOther_);
+    permission_.setClosed(true);
     waiting_.clear();
     apart_ = {};
     auto arriving = std::move(arriving_);
@@ -139,22 +110,21 @@ void LiveLayer::fill() {
         if (const LayerDoc* view = surroundings_.view()) reset(*view);
         return;
     }
-    const bool lockedByOther = lockedByOther_;
-    setPermission(false, false);  // content can only be put into a layer that may be edited
     const bool wasFilled = bool(store_);
-    if (!wasFilled)
-        store_ = std::make_unique<usd::SdfLayerStore>(layer_, surroundings_.source, &capture_);
-    // Sdf does not compare a streaming layer with its new content, and notifies that all was
-    // replaced.
-    expectsReplacement_ = !wasFilled && layer_->StreamsData() && !layer_->GetRootPrims().empty();
-    const auto filled = fill_->into(*store_);
-    auto named = fill_->named();
-    fill_.reset();
-    namesLayers_ = !named.arcs.empty();
-    namesClips_ = !named.clips.empty();
-    named_.arcs.merge(named.arcs);
-    named_.clips.merge(named.clips);
-    setPermission(false, lockedByOther);
+    Result<void> filled;
+    {
+        const EditPermission::OwnWrites permitted(permission_);
+        if (!wasFilled)
+            store_ = std::make_unique<usd::SdfLayerStore>(layer_, surroundings_.source, &capture_);
+        // Sdf does not compare a streaming layer with its new content, and notifies that all was
+        // replaced.
+        expectsReplacement_ =
+            !wasFilled && layer_->StreamsData() && !layer_->GetRootPrims().empty();
+        filled = fill_->into(*store_);
+        auto named = fill_->named();
+        fill_.reset();
+        uses_.replace(std::move(named));
+    }
     if (!filled) surroundings_.report(filled.error());
     Block block;
     for (const auto& [path, action] : std::exchange(waiting_, {})) applyNow(path, action, block);
@@ -270,7 +240,8 @@ void LiveLayer::blobArrived(const Hash& hash) {
         const LayerDoc* view = surroundings_.view();
         return view ? view->field(path, field) : nullptr;
     });
-    for (const std::string& path : named) noteNaming(path, pxr::SdfFieldKeys->Clips);
+    for (const std::string& path : named)
+        if (uses_.note(path, pxr::SdfFieldKeys->Clips.GetString())) noteUses();
 }
 
 void LiveLayer::onReplaced(const pxr::SdfNotice::LayerDidReplaceContent& notice) {
@@ -289,7 +260,7 @@ void LiveLayer::reloaded() {
     const LayerDoc* view = surroundings_.view();
     if (fill_ || !view || layer_->IsMuted()) {
         startOver_ = true;
-        setPermission(true, lockedByOther_);  // edits would be lost until it is filled again
+        permission_.setClosed(true);  // edits would be lost until it is filled again
         return;
     }
     capture_.discard();

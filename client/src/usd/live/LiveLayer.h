@@ -17,6 +17,8 @@
 #include "usd/live/ApartEdits.h"
 #include "usd/live/BackgroundFill.h"
 #include "usd/live/Capture.h"
+#include "usd/live/EditPermission.h"
+#include "usd/live/UsedAssets.h"
 #include "usdlive/common/usd/SdfLayerStore.h"
 
 namespace usdlive::client {
@@ -63,7 +65,7 @@ public:
     /// Call it when another user has locked or unlocked the layer (LK1). While it is locked,
     /// `permissionToEdit` is false and Sdf refuses edits of the editor. Afterwards the editor's own
     /// setting applies again.
-    void setLockedByOther(bool locked);
+    void setLockedByOther(bool locked) { permission_.setLockedByOther(locked); }
     /// Returns whether a tick has nothing to do for this layer until `wake` is called.
     [[nodiscard]] bool isIdle() const;
 
@@ -106,17 +108,11 @@ public:
     [[nodiscard]] bool waitsForBlobs() const { return store_ && store_->waitsForBlobs(); }
     [[nodiscard]] bool waitsFor(const Hash& hash) const { return store_ && store_->waitsFor(hash); }
 
-    /// Returns false if the layer certainly names no other layers, or no value clips. Finding the
-    /// named layers takes long, because Sdf reads every spec.
-    [[nodiscard]] bool namesLayers() const { return namesLayers_; }
-    [[nodiscard]] bool namesClips() const { return namesClips_; }
-    /// Returns whether takeNamed() may return any.
-    [[nodiscard]] bool hasNamed() const {
-        return !naming_.empty() || !named_.arcs.empty() || !named_.clips.empty();
-    }
+    /// The layers and clips that this layer names.
+    [[nodiscard]] const UsedAssets& uses() const { return uses_; }
     /// Returns the asset paths that this layer has got since the last call. Precondition: there is
     /// no open block of apply().
-    [[nodiscard]] usd::LayerFill::Named takeNamed();
+    [[nodiscard]] usd::LayerFill::Named takeNamed() { return uses_.take(layer_); }
     /// Returns whether the layers that this layer uses may have changed since the last
     /// takeUsesChanged().
     [[nodiscard]] bool usesChanged() const { return usesChanged_; }
@@ -130,12 +126,10 @@ private:
         EditAction action;
     };
 
-    void setPermission(bool closed, bool lockedByOther);
     void startOver();
     void reloaded();
     void noteUses();
     void noteNames(const std::string& path, const EditAction& action);
-    void noteNaming(std::string path, std::string field);
     [[nodiscard]] Capture::Sealed sealMuted();
     [[nodiscard]] std::unique_ptr<BackgroundFill> newFill();
     using Block = usd::SdfLayerStore::Block;
@@ -156,10 +150,7 @@ private:
     std::unique_ptr<BackgroundFill> fill_;
     std::vector<Waiting> waiting_;  // edits that wait for fill_
     ApartEdits apart_;              // wait for applyApart()
-    // The editor may write if both of the next two are false, and if its own setting permits it.
-    bool closed_ = false;  // true until the layer has all content
-    bool lockedByOther_ = false;
-    bool permitted_ = true;  // the editor's own setting
+    EditPermission permission_;     // closed until the layer has all content
     // The client has replaced the content. Sdf notifies of it later, at the end of the change
     // block.
     bool expectsReplacement_ = false;
@@ -168,12 +159,8 @@ private:
     bool reloadedWritten_ = false;     // it was reloaded then; not reported yet
     bool writtenBeforeMuted_ = false;  // written before the mute, and not sealed yet
     std::vector<std::pair<std::string, std::string>> takenOut_;  // paths and fields
-    // Paths and fields with other names of layers or clips since the last takeNamed().
-    std::set<std::pair<std::string, std::string>> naming_;
+    UsedAssets uses_;
     bool usesChanged_ = false;
-    bool namesLayers_ = false;
-    bool namesClips_ = false;
-    usd::LayerFill::Named named_;
     bool saved_ = false;
     pxr::TfNotice::Key replacedKey_;
     pxr::TfNotice::Key mutenessKey_;

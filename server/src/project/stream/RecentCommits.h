@@ -43,9 +43,7 @@ public:
     }
 
     /// Call it when a session is being sent this commit in parts.
-    void shareInParts(Revision revision, const SharedBytes& frames) {
-        inParts_[revision] = frames;
-    }
+    void shareInParts(Revision revision, const SharedBytes& frames) { inParts_[revision] = frames; }
     /// Returns nullptr if no session is being sent the commit.
     [[nodiscard]] SharedBytes findInParts(Revision revision) {
         const auto found = inParts_.find(revision);
