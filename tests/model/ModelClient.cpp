@@ -53,11 +53,11 @@ static void digest(Digest& out, const Incoming& part) {
     // The content of a snapshot follows from its revision.
     out(request, opened ? encodeControl(*opened) : "", content.has_value());
 }
-static void digest(Digest& out, const OpenedLayers::Joining& part) {
+static void digest(Digest& out, const JoiningLayer& part) {
     const auto& [snapshot, later, again] = part;
     out(snapshot, later, again);
 }
-static void digest(Digest& out, const OpenedLayers::Opened& part) {
+static void digest(Digest& out, const OpenedLayer& part) {
     const auto& [wanted, joining] = part;
     out(wanted, joining);
 }

@@ -218,7 +218,10 @@ void NamespaceEdits::lost(const client::LostWork& work) {
     if (code == ErrorCode::ClientForgotten || code == ErrorCode::HistoryReplaced)
         end = End::Uncertain;
     else if (!work.refused && (code == ErrorCode::SpecDeleted || code == ErrorCode::SpecNotFound))
-        end = End::Dropped;
+        // While the view is being computed, it still shows the preview of a spec that is committed.
+        // The author learns at once that a write to it is not taken.
+        end = work.reason.message.ends_with("only another's preview so far") ? End::Refused
+                                                                             : End::Dropped;
     for (const AuthoredEdit& edit : work.edits) setEnd(edit.action, end);
 }
 

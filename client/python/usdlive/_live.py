@@ -429,7 +429,8 @@ class Live:
     def request(self, request: str, /, **fields: object) -> int:
         """Sends a request of PROTOCOL.md, for example `live.request("compactHistory", days=30)`, and returns its
         number. It ends with one event that has this number as `request`: the answer (`events.Answered`, or
-        the class of `events` for it), or an `events.ServerError`."""
+        the class of `events` for it), or an `events.ServerError` (`unsupportedProtocol`: an older server, which does
+        not know the request)."""
         return self._client.request(request, fields)
 
     def ask(self, request: str, /, *, timeout: float = 10.0, **fields: object) -> typing.Any:
@@ -561,8 +562,9 @@ class Live:
         return [UnsentWork(self._client, events.Unsent(**one)) for one in self._client.unsent_work()]
 
     def lost_work_as_layer(self, index: int, layer: str) -> Sdf.Layer:
-        """Returns refused or dropped work as an anonymous layer (M12): number `index` (see `events.Lost`) on
-        `layer`."""
+        """Returns refused or dropped work as an anonymous layer (M12): number `index` (see `events.Lost`) on `layer`. A
+        value that no edit can express is kept as text in the custom data of its spec (`lost:FIELD`; of the root in
+        `customLayerData`). All lost work can be read until the connection is closed."""
         return _held(self._client.lost_work_as_layer(index, layer))
 
     # -- events
@@ -671,6 +673,8 @@ class Live:
         return self
 
     def __exit__(self, raised: type | None, *_: object) -> None:
+        """Closes the connection. Raises an Error (`notConnected`) if work was not sent, unless another exception is on
+        its way."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore" if raised is None else "default", RuntimeWarning)
             unsent = self.close()
@@ -690,8 +694,9 @@ class UnsentWork:
 
     def send(self, timeout: float = 60.0) -> Sent:
         """Commits the work at the present paths of its specs. Each edit is committed once, also if only its
-        acknowledgement was lost and if this is called again after an Error. The next tick reports refused or
-        dropped work as `events.Lost`."""
+        acknowledgement was lost and if this is called again after an Error. The work is kept until all of it is
+        committed, or lost for a reason that does not pass. The next tick reports refused or dropped work as
+        `events.Lost`."""
         return Sent(*self._client.send_unsent(self.about.id, timeout * 1000.0))
 
     def as_layer(self, layer: str) -> Sdf.Layer:

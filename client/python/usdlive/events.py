@@ -62,8 +62,8 @@ class FilesChanged:
 @dataclasses.dataclass(frozen=True)
 class PathOutside:
     """An own edit wrote a path that others cannot open: an absolute path of a file that is not in the project, a relative
-    path that leaves the project, or the identifier of an anonymous layer. `prim` is "/" for a sublayer; `property` is
-    empty for arcs and metadata."""
+    path that leaves the project, a `file:` address, a drive (`C:/...`), or the identifier of an anonymous layer. `prim` is
+    "/" for a sublayer; `property` is empty for arcs and metadata. At most 1,000 are reported per frame."""
 
     layer: str
     prim: str

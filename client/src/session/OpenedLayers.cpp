@@ -28,7 +28,7 @@ std::vector<LayerId> takeSome(std::vector<LayerId>& layers) {
 
 bool OpenedLayers::open(const LayerId& layer) {
     const auto [entry, added] = layers_.try_emplace(layer);
-    Opened& opened = entry->second;
+    OpenedLayer& opened = entry->second;
     if (!added) {
         const bool isBack = !opened.wanted && !opened.joining;
         opened.wanted = true;
@@ -116,12 +116,12 @@ void OpenedLayers::joinAll() {
 
 // ---- requests
 
-OpenedLayers::Joining* OpenedLayers::joiningOf(const LayerId& layer) {
+JoiningLayer* OpenedLayers::joiningOf(const LayerId& layer) {
     const auto opened = layers_.find(layer);
     return opened != layers_.end() && opened->second.joining ? &*opened->second.joining : nullptr;
 }
 
-OpenedLayers::Joining* OpenedLayers::joiningOf(std::uint64_t request) {
+JoiningLayer* OpenedLayers::joiningOf(std::uint64_t request) {
     const auto join = joins_.find(request);
     return join == joins_.end() ? nullptr : joiningOf(join->second);
 }
@@ -136,7 +136,7 @@ void OpenedLayers::sendJoins() {
     while (!toJoin_.empty() && joins_.size() < kJoinsAtOnce) {
         const OpenLayer open{requests_.nextNumber(), std::move(toJoin_.front()), 0};
         toJoin_.pop_front();
-        Joining* joining = joiningOf(open.layer);
+        JoiningLayer* joining = joiningOf(open.layer);
         if (!joining || joining->snapshot.request != 0) continue;
         joining->snapshot = {open.request, {}, {}};
         joins_.emplace(open.request, open.layer);
@@ -168,11 +168,11 @@ void OpenedLayers::joinFailed(const OpenLayer& open, const ErrorMessage& message
 // ---- content
 
 void OpenedLayers::received(const LayerOpened& message) {
-    if (Joining* joining = joiningOf(message.request)) joining->snapshot.opened = message;
+    if (JoiningLayer* joining = joiningOf(message.request)) joining->snapshot.opened = message;
 }
 
 bool OpenedLayers::received(ReceivedSnapshot& received) {
-    Joining* joining = joiningOf(received.request);
+    JoiningLayer* joining = joiningOf(received.request);
     if (!joining) return false;
     const LayerId& layer = joins_.at(received.request);
     Incoming& snapshot = joining->snapshot;
@@ -186,7 +186,7 @@ bool OpenedLayers::received(ReceivedSnapshot& received) {
 
 void OpenedLayers::received(const Commit& commit) {
     for (const Edit& edit : commit.edits)
-        if (Joining* joining = joiningOf(edit.layer))
+        if (JoiningLayer* joining = joiningOf(edit.layer))
             joining->later.emplace_back(commit.revision, edit);
 }
 
@@ -218,7 +218,7 @@ bool OpenedLayers::complete(
 // Returns the content with the commits since its snapshot; nothing if they do not fit.
 std::optional<LayerDoc> OpenedLayers::contentOf(
     const LayerId& layer, const std::function<void(const LayerId&, const LayerDoc&)>& arrived) {
-    Opened& opened = layers_.at(layer);
+    OpenedLayer& opened = layers_.at(layer);
     Incoming& snapshot = opened.joining->snapshot;
     requests_.forget(snapshot.request);
     joins_.erase(snapshot.request);
@@ -238,7 +238,7 @@ void OpenedLayers::dropClosed(const std::function<bool(const LayerId&)>& hasOwnW
             ++entry;
             continue;
         }
-        const Joining* joining = joiningOf(layer);
+        const JoiningLayer* joining = joiningOf(layer);
         const bool asked = !joining || joining->snapshot.request != 0;
         if (channel_.isOnline() && asked) channel_.send(CloseLayer{layer});
         if (joining) {

@@ -23,6 +23,25 @@ struct Incoming {
     std::optional<LayerDoc> content;  ///< when it is complete
 };
 
+/// A layer whose content has not arrived.
+struct JoiningLayer {
+    Incoming snapshot;
+    std::vector<std::pair<Revision, Edit>> later;  ///< committed since the request
+    bool again = false;                            ///< it was joined before, in another history
+};
+
+/// A layer that the editor has opened.
+struct OpenedLayer {
+    bool wanted = true;                   ///< false: the editor has closed it
+    std::optional<JoiningLayer> joining;  ///< nothing: joined
+
+    /// Drops what has arrived so far.
+    void restart() {
+        const bool again = !joining || joining->again;
+        joining.emplace().again = again;
+    }
+};
+
 /// The layers that the editor has opened. A layer is *joining* until its content is here: it is
 /// requested, arrives as a snapshot, and gets the commits that have come meanwhile. A layer that
 /// the editor has closed stays until own work on it is answered.
@@ -90,27 +109,11 @@ public:
                     const std::function<void(const LayerId&)>& dropped);
 
 private:
-    /// A layer whose content has not arrived.
-    struct Joining {
-        Incoming snapshot;
-        std::vector<std::pair<Revision, Edit>> later;  ///< committed since the request
-        bool again = false;                            ///< it was joined before, in another history
-    };
-    struct Opened {
-        bool wanted = true;              // false: the editor has closed it
-        std::optional<Joining> joining;  // nothing: joined
-
-        void restart() {
-            const bool again = !joining || joining->again;
-            joining.emplace().again = again;
-        }
-    };
-
     void join(const LayerId& layer);
     void sendJoins();
     void joinFailed(const OpenLayer& open, const ErrorMessage& message);
-    [[nodiscard]] Joining* joiningOf(const LayerId& layer);
-    [[nodiscard]] Joining* joiningOf(std::uint64_t request);
+    [[nodiscard]] JoiningLayer* joiningOf(const LayerId& layer);
+    [[nodiscard]] JoiningLayer* joiningOf(std::uint64_t request);
     [[nodiscard]] std::optional<LayerDoc> contentOf(
         const LayerId& layer, const std::function<void(const LayerId&, const LayerDoc&)>& arrived);
 
@@ -120,7 +123,7 @@ private:
     LayerView& editor_;
     const std::function<void(const LayerId&)> failed_;
 
-    std::map<LayerId, Opened> layers_;
+    std::map<LayerId, OpenedLayer> layers_;
     std::set<LayerId> closed_;                // those of layers_ that are not wanted
     std::map<std::uint64_t, LayerId> joins_;  // by unanswered request
     std::deque<LayerId> toJoin_;              // requested when others are answered
