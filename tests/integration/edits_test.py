@@ -50,10 +50,10 @@ def refuses(stage: Usd.Stage) -> bool:
 def test_a_layer_that_cannot_be_read_refuses_edits_until_its_file_is_mended(project, server):
     (project / "layout.usda").write_text(BAD)
     with connect(server, "ada") as ada:
-        stage = ada.open_stage("shot.usda")
-        layout = Sdf.Layer.Find(ada.identifier("layout.usda"))
         with pytest.warns(RuntimeWarning, match="layout.usda has no content here and refuses edits: .*layout.usda"):
+            stage = ada.open_stage("shot.usda")  # which reports it if the answer is here early
             ada.tick()
+        layout = Sdf.Layer.Find(ada.identifier("layout.usda"))
         stage.SetEditTarget(layout)
         assert refuses(stage) and ada.layer_name(layout) is None
         assert ada.save().failed == ()
