@@ -17,7 +17,7 @@ FOLDERS = ["common", "server", "client", "plugins", "tests", "bench"]
 # The area of a file, and the areas whose headers it may include. An area is a folder of common, server or
 # client ("server/project"); a prefix ("common/") means all areas below it.
 COMMON_PLAIN = ["common/core", "common/layer", "common/protocol"]
-# The client without OpenUSD, each folder with those before it.
+# The client without OpenUSD. None of these includes one after it.
 CLIENT_PLAIN = ["client/session", "client/transport", "client/basics", "client/values", "client/link", "client/work"]
 SERVER_EDGES = ["server/transport", "server/storage", "server/files"]
 ALLOWED = {
@@ -42,13 +42,15 @@ ALLOWED = {
     "client/usd/stage": ["common/", "client/usd/content", "client/usd/schema"],
     "client/usd/namespace": ["common/", "client/usd", "client/usd/content", "client/usd/schema", "client/usd/stage"],
     # Live layers.
-    "client/usd/places": ["common/", *CLIENT_PLAIN, "client/usd"],
-    "client/usd/live": ["common/", *CLIENT_PLAIN, "client/usd/places"],
-    "client/usd/assets": ["common/", *CLIENT_PLAIN, "client/usd/places", "client/usd/live"],
+    "client/usd/places": ["common/", "client/session", "client/transport", "client/basics", "client/usd"],
+    "client/usd/live": ["common/", "client/session", "client/basics", "client/values", "client/work",
+                        "client/usd/places"],
+    "client/usd/assets": ["common/", "client/basics", "client/usd/places", "client/usd/live"],
     "client/usd/editor": ["common/", *CLIENT_PLAIN, "client/usd", "client/usd/places", "client/usd/live",
                           "client/usd/assets", "client/usd/content"],
     # Kit's layers, of any stage; live ones by way of the client.
-    "client/usd/layers": ["common/", "client/basics", "client/usd", "client/usd/content", "client/usd/stage", "client/usd/editor"],
+    "client/usd/layers": ["common/", "client/basics", "client/usd", "client/usd/content", "client/usd/stage",
+                          "client/usd/editor"],
     "client/usd": ["common/core"],  # two headers beside the folders
     "client/cli": ["common/", "client/"],
     "client/python": ["common/", "client/"],

@@ -179,8 +179,7 @@ bool OpenedLayers::received(ReceivedSnapshot& received) {
     snapshot.content = std::move(received.whole);
     if (closed_.contains(layer)) return true;
     editor_.arriving(layer, std::move(received.part));
-    const std::uint64_t total = snapshot.opened ? snapshot.opened->specs : 0;
-    events_.push(event::Joining{{layer, received.specs, total}});
+    events_.push(event::Joining{{layer, received.specs, snapshot.specs()}});
     return true;
 }
 
@@ -196,8 +195,7 @@ bool OpenedLayers::complete(
     std::vector<LayerId> whole;
     for (const auto& [request, layer] : joins_) {
         const Incoming& snapshot = joiningOf(layer)->snapshot;
-        if (snapshot.content && snapshot.opened && snapshot.opened->revision <= revision)
-            whole.push_back(layer);
+        if (snapshot.isComplete() && snapshot.opened->revision <= revision) whole.push_back(layer);
     }
     bool any = false;
     for (const LayerId& layer : whole) {

@@ -21,6 +21,10 @@ struct Incoming {
     std::uint64_t request = 0;  ///< 0: not requested on this connection
     std::optional<LayerOpened> opened;
     std::optional<LayerDoc> content;  ///< when it is complete
+
+    [[nodiscard]] bool isComplete() const { return content && opened; }
+    /// The number of its specs; 0: not known yet.
+    [[nodiscard]] std::uint64_t specs() const { return opened ? opened->specs : 0; }
 };
 
 /// A layer whose content has not arrived.

@@ -38,7 +38,6 @@ public:
     [[nodiscard]] std::vector<TooLarge> send(std::int64_t nowMs, bool known);
     /// Returns whether the last send() ended because of the deadline.
     [[nodiscard]] bool hasMore() const { return hasMore_; }
-    void nothingToSend() { hasMore_ = false; }
 
     /// The server has refused a transaction for a reason that passes. It stays pending.
     void hold(std::uint64_t sequence, const Error& reason, std::int64_t nowMs);

@@ -30,16 +30,15 @@ void Peeks::received(ReceivedSnapshot& received) {
     for (Peek& peek : peeks_) {
         if (peek.snapshot.request != received.request) continue;
         peek.snapshot.content = std::move(received.whole);
-        const std::uint64_t total = peek.snapshot.opened ? peek.snapshot.opened->specs : 0;
         events_.push(event::Progress{event::Progress::Task::Fetch, peek.layer, received.specs,
-                                     total, received.request});
+                                     peek.snapshot.specs(), received.request});
     }
 }
 
 void Peeks::complete() {
     for (std::size_t index = 0; index < peeks_.size();) {
         Incoming& snapshot = peeks_[index].snapshot;
-        if (!snapshot.content || !snapshot.opened) {
+        if (!snapshot.isComplete()) {
             ++index;
             continue;
         }

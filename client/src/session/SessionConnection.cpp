@@ -133,7 +133,7 @@ bool Session::Impl::advance(double budgetMs, std::int64_t nowMs) {
     sendAll();
     reportGesture();
     checkPrediction();
-    return inbox_.empty() && !rebuild_ && !submissions_.hasMore();
+    return inbox_.empty() && !rebuild_ && !(maySend() && submissions_.hasMore());
 }
 
 void Session::Impl::protocolFault(Error error) {

@@ -136,6 +136,7 @@ private:
     void noteUnanswered(Revision joined);
 
     // SessionSending.cpp
+    [[nodiscard]] bool maySend() const { return channel_.isOnline() && isCaughtUp() && !frozen_; }
     void sendAll();
     void sendTransactions();
     void reportPending(const Pending& pending);

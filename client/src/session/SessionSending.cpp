@@ -10,12 +10,11 @@ constexpr std::int64_t kReportGestureEveryMs = 400;
 }  // namespace
 
 void Session::Impl::sendAll() {
-    submissions_.nothingToSend();
     if (channel_.isOnline()) {
         downloads_.requestDue(nowMs_, [this](const Hash& hash) { return host_.needsBlob(hash); });
         opened_.askAgain(nowMs_);
     }
-    if (!channel_.isOnline() || !isCaughtUp() || frozen_) return;
+    if (!maySend()) return;
     sendTransactions();
     uploads_.dropUnwanted();
     uploads_.send(options_.uploadWindowChunks, nowMs_);
