@@ -11,7 +11,7 @@
 
 #include "session/BlobTransfer.h"
 #include "session/SessionEvents.h"
-#include "usdlive/common/layer/LayerDoc.h"
+#include "usdlive/common/layer/TransactionExecutor.h"
 #include "usdlive/common/protocol/Frame.h"
 
 namespace usdlive::client {
