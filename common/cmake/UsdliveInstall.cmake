@@ -64,7 +64,7 @@ function(usdlive_install_package)
             COMPONENT plugins)
     endif()
 
-    foreach(library common common_dds common_usd client_session client_transport client_work
+    foreach(library common common_dds common_net common_usd client_session client_transport client_work
             client)
         set_target_properties(usdlive_${library} PROPERTIES EXPORT_NAME ${library})
         install(TARGETS usdlive_${library} EXPORT usdliveTargets

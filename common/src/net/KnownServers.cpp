@@ -1,0 +1,235 @@
+// Reads and writes servers.json.
+#include "usdlive/common/net/KnownServers.h"
+
+#include <fcntl.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
+#include <cstdlib>
+#include <nlohmann/json.hpp>
+#include <system_error>
+#include <utility>
+
+#include "usdlive/common/core/Descriptor.h"
+
+namespace usdlive {
+
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::json;
+
+constexpr const char* kFile = "servers.json";
+constexpr const char* kServers = "servers";
+constexpr mode_t kPrivateFile = 0600, kPrivateFolder = 0700, kOthers = 0077;
+constexpr std::size_t kMostTokenBytes = 4096;
+
+std::string systemError() { return std::error_code(errno, std::generic_category()).message(); }
+
+tl::unexpected<Error> failed(const std::string& what, const fs::path& path,
+                             const std::string& why) {
+    return fail(ErrorCode::InvalidConfiguration,
+                "cannot " + what + " " + path.string() + ": " + why);
+}
+
+Result<std::string> readFile(const Descriptor& file, const fs::path& path) {
+    std::string text;
+    std::array<char, 4096> part;
+    for (;;) {
+        const ssize_t count = ::read(file.get(), part.data(), part.size());
+        if (count < 0) return failed("read", path, systemError());
+        if (count == 0) return text;
+        text.append(part.data(), std::size_t(count));
+    }
+}
+
+/// Returns the entries of the file; an empty object if there is none.
+Result<Json> readServers(const fs::path& path) {
+    const Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
+    if (!file) {
+        if (errno == ENOENT) return Json{{kServers, Json::object()}};
+        return failed("read", path, systemError());
+    }
+    struct stat status{};
+    if (::fstat(file.get(), &status) != 0) return failed("read", path, systemError());
+    if ((status.st_mode & kOthers) != 0)
+        return failed("use", path,
+                      "other users can read it, and it contains tokens. Run `chmod 600 " +
+                          path.string() + "`");
+    const auto text = readFile(file, path);
+    if (!text) return tl::unexpected(text.error());
+    Json all = Json::parse(*text, nullptr, false);
+    if (!all.is_object() || !all.contains(kServers) || !all[kServers].is_object())
+        return failed(
+            "use", path,
+            "it is not JSON with an object \"servers\". Correct it, or remove it and log in again");
+    return all;
+}
+
+std::string textOf(const Json& entry, const char* name) {
+    const auto found = entry.find(name);
+    return found != entry.end() && found->is_string() ? found->get<std::string>() : "";
+}
+
+KnownServer serverOf(const Json& entry) {
+    if (!entry.is_object()) return {};
+    const auto tls = entry.find("tls");
+    return {textOf(entry, "user"), textOf(entry, "token"), textOf(entry, "pin"),
+            tls != entry.end() && tls->is_boolean() && tls->get<bool>()};
+}
+
+/// Writes the file in one step, so that a reader finds the old or the new content.
+Result<void> writeServers(const fs::path& path, const Json& all) {
+    std::string draft = path.string() + ".XXXXXX";
+    const Descriptor file(::mkostemp(draft.data(), O_CLOEXEC));  // with mode 0600
+    if (!file) return failed("write", path, systemError());
+    const std::string text = all.dump(2) + "\n";
+    const bool isWritten = ::write(file.get(), text.data(), text.size()) == ssize_t(text.size()) &&
+                           ::fchmod(file.get(), kPrivateFile) == 0 && ::fsync(file.get()) == 0 &&
+                           ::rename(draft.c_str(), path.c_str()) == 0;
+    if (isWritten) return {};
+    const std::string why = systemError();
+    ::unlink(draft.c_str());
+    return failed("write", path, why);
+}
+
+/// Locks the entries of `folder` for this thread until the descriptor is closed.
+Result<Descriptor> lockServers(const fs::path& folder) {
+    std::error_code error;
+    fs::create_directories(folder.parent_path(), error);
+    if (::mkdir(folder.c_str(), kPrivateFolder) != 0 && errno != EEXIST)
+        return failed("create", folder, systemError());
+    const fs::path path = folder / "servers.lock";
+    Descriptor file(::open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, kPrivateFile));
+    if (!file) return failed("open", path, systemError());
+    while (::flock(file.get(), LOCK_EX) != 0)
+        if (errno != EINTR) return failed("lock", path, systemError());
+    return file;
+}
+
+/// Changes the file while no other process does. `change` returns whether it has changed anything.
+Result<bool> changeServers(const fs::path& folder, const std::function<bool(Json&)>& change) {
+    if (folder.empty())
+        return fail(ErrorCode::InvalidConfiguration,
+                    "no folder is known for the settings of usdlive. Set HOME or XDG_CONFIG_HOME");
+    const auto lock = lockServers(folder);
+    if (!lock) return tl::unexpected(lock.error());
+    auto all = readServers(folder / kFile);
+    if (!all) return tl::unexpected(all.error());
+    if (!change((*all)[kServers])) return false;
+    if (const auto written = writeServers(folder / kFile, *all); !written)
+        return tl::unexpected(written.error());
+    return true;
+}
+
+std::string lowerCase(std::string text) {
+    for (char& character : text)
+        if (character >= 'A' && character <= 'Z') character = char(character - 'A' + 'a');
+    return text;
+}
+
+fs::path folderOf(const char* variable) {
+    const char* value = std::getenv(variable);
+    return value ? value : "";
+}
+
+}  // namespace
+
+std::string serverName(const std::string& host, std::uint16_t port) {
+    const std::string lower = lowerCase(host);
+    const bool isBare = lower.find(':') != std::string::npos && !lower.starts_with('[');
+    return (isBare ? "[" + lower + "]" : lower) + ":" + std::to_string(port);
+}
+
+bool isLoopbackHost(const std::string& host) {
+    const std::string lower = lowerCase(host);
+    return lower == "localhost" || lower.ends_with(".localhost") || lower == "::1" ||
+           lower == "[::1]" ||
+           (lower.starts_with("127.") &&
+            lower.find_first_not_of("0123456789.") == std::string::npos);
+}
+
+fs::path KnownServers::folderOfUser() {
+    if (const auto config = folderOf("XDG_CONFIG_HOME"); !config.empty()) return config / "usdlive";
+    if (const auto home = folderOf("HOME"); !home.empty()) return home / ".config" / "usdlive";
+    return {};
+}
+
+KnownServers::KnownServers(fs::path folder) : folder_(std::move(folder)) {}
+
+Result<std::optional<KnownServer>> KnownServers::find(const std::string& host,
+                                                      std::uint16_t port) const {
+    if (folder_.empty()) return std::nullopt;
+    const auto all = readServers(folder_ / kFile);
+    if (!all) return tl::unexpected(all.error());
+    const Json& servers = (*all)[kServers];
+    const auto found = servers.find(serverName(host, port));
+    if (found == servers.end()) return std::nullopt;
+    return serverOf(*found);
+}
+
+Result<void> KnownServers::update(const std::string& host, std::uint16_t port,
+                                  const std::function<void(KnownServer&)>& change) const {
+    const auto done = changeServers(folder_, [&](Json& servers) {
+        Json& entry = servers[serverName(host, port)];  // with members of later versions
+        const KnownServer old = serverOf(entry);
+        KnownServer server = old;
+        change(server);
+        if (entry.is_object() && server == old) return false;
+        if (!entry.is_object()) entry = Json::object();
+        for (const auto& [name, text] :
+             {std::pair{"user", &server.user}, {"token", &server.token}, {"pin", &server.pin}}) {
+            if (text->empty())
+                entry.erase(name);
+            else
+                entry[name] = *text;
+        }
+        entry["tls"] = server.isTls;
+        return true;
+    });
+    if (!done) return tl::unexpected(done.error());
+    return {};
+}
+
+Result<void> KnownServers::keep(const std::string& host, std::uint16_t port,
+                                const KnownServer& server) const {
+    return update(host, port, [&](KnownServer& known) { known = server; });
+}
+
+Result<bool> KnownServers::forget(const std::string& host, std::uint16_t port) const {
+    return changeServers(folder_,
+                         [&](Json& servers) { return servers.erase(serverName(host, port)) > 0; });
+}
+
+std::optional<std::string> KnownServers::ownerToken(std::uint16_t port) const {
+    if (folder_.empty()) return std::nullopt;
+    const fs::path path = folder_ / "local" / std::to_string(port);
+    const Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK));
+    struct stat status{};
+    if (!file || ::fstat(file.get(), &status) != 0 || !S_ISREG(status.st_mode) ||
+        status.st_uid != ::geteuid() || (status.st_mode & kOthers) != 0)
+        return std::nullopt;
+    std::array<char, kMostTokenBytes> part;
+    const ssize_t count = ::read(file.get(), part.data(), part.size());
+    std::string token(part.data(), std::size_t(count > 0 ? count : 0));
+    token.erase(token.find_last_not_of(" \r\n") + 1);
+    if (token.empty()) return std::nullopt;
+    return token;
+}
+
+Result<std::optional<std::string>> KnownServers::authorization(const std::string& host,
+                                                               std::uint16_t port,
+                                                               bool isEncrypted) const {
+    const auto known = find(host, port);
+    if (!known) return tl::unexpected(known.error());
+    if (*known && !(*known)->token.empty() && (isEncrypted || !(*known)->isTls))
+        return "Bearer " + (*known)->token;
+    if (isLoopbackHost(host))
+        if (const auto token = ownerToken(port)) return "Bearer " + *token;
+    return std::nullopt;
+}
+
+}  // namespace usdlive
