@@ -25,7 +25,7 @@ using boost::system::error_code;
 constexpr std::size_t kRecordBytes = 16 * 1024;
 // One call transfers at most about this much, so that other connections have their turn.
 constexpr std::size_t kMostBytesPerTurn = 256 * 1024;
-// What a peer may send after the goodbye, until it has seen it.
+// The part of what a peer sends after the goodbye that is read at once.
 constexpr std::size_t kScratchBytes = 2048;
 
 // ---- OpenSSL reads and writes the descriptor that its BIO points to. OpenSSL's own BIO for
@@ -235,7 +235,7 @@ struct NetStream::State : std::enable_shared_from_this<State> {
 
     NetSocket socket;
     TlsState tls;
-    int descriptor = -1;  // of the socket; OpenSSL's BIO points to it
+    int descriptor = -1;  // the one of the socket; OpenSSL's BIO points to it
     std::array<std::uint8_t, kScratchBytes> scratch;
 };
 

@@ -23,6 +23,7 @@ Examples:
   usdlive serve shots/s010                    serve a folder on this machine
   usdlive serve shots/s010 --port 0           on any free port, which it prints
   usdlive serve --projects shots              serve each folder in shots as a project
+  usdlive serve shots/s010 --tls auto         encrypt, with a certificate that it makes
   usdlive serve shots/s010 --config live.json {"port": 8000, "log-format": "json"}
 
 Editors connect to the URL it prints. GET /healthz and /metrics on the same port answer over HTTP.
@@ -63,6 +64,30 @@ void addNetworkOptions(CLI::App& app, ServerOptions& options) {
         ->default_str("")
         ->allow_extra_args(false)
         ->group(group);
+}
+
+void addTlsOptions(CLI::App& app, ServerOptions& options) {
+    app.add_option("--tls", options.tls,
+                   "Encrypt connections with this certificate and key, in\n"
+                   "PEM; SIGHUP reloads them. \"auto\" makes a certificate,\n"
+                   "which clients remember at their first connection")
+        ->type_name("CERT KEY|auto")
+        ->default_str("")
+        ->expected(1, 2)
+        ->group("Network");
+}
+
+/// Checks the values of --tls. In `--tls auto DIR`, DIR is not one of them.
+Result<void> separateTls(ServerOptions& options) {
+    if (options.tls.empty()) return {};
+    if (options.tls.front() == kOwnCertificate) {
+        options.folders.insert(options.folders.begin(), options.tls.begin() + 1, options.tls.end());
+        options.tls.resize(1);
+        return {};
+    }
+    if (options.tls.size() == 2) return {};
+    return fail(ErrorCode::InvalidConfiguration,
+                "--tls needs the files of a certificate and of its key, or \"auto\"");
 }
 
 void addDdsOptions(CLI::App& app, ServerOptions& options) {
@@ -201,6 +226,7 @@ void addOptions(CLI::App& app, ServerOptions& options, std::string& config) {
         ->type_name("FOLDER")
         ->default_str("");
     addNetworkOptions(app, options);
+    addTlsOptions(app, options);
     addDdsOptions(app, options);
     addStorageOptions(app, options);
     addLimits(app, options);
@@ -295,6 +321,8 @@ std::variant<ServerOptions, int> parseOptions(int argc, const char* const* argv)
     } catch (const CLI::Error& error) {
         return wrong(config + ": " + error.what());
     }
+    if (const auto separated = separateTls(options); !separated)
+        return wrong(separated.error().message);
     if (options.folders.empty() && options.projectsFolder.empty())
         return wrong("name the folder to serve, or --projects FOLDER");
     return options;

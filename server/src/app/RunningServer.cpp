@@ -13,6 +13,7 @@
 #include <nlohmann/json.hpp>
 
 #include "usdlive/common/core/Descriptor.h"
+#include "usdlive/common/net/KnownServers.h"
 
 namespace usdlive::server {
 
@@ -20,27 +21,6 @@ namespace {
 
 std::filesystem::path fileOf(const std::filesystem::path& folder) {
     return folder / ".usdlive" / "server.json";
-}
-
-std::string urlOf(const std::string& host, std::uint16_t port) {
-    const bool isV6 = host.find(':') != std::string::npos;
-    return "ws://" + (isV6 ? "[" + host + "]" : host) + ":" + std::to_string(port);
-}
-
-std::vector<std::string> ipv4Addresses() {
-    ifaddrs* first = nullptr;
-    if (::getifaddrs(&first) != 0) return {};
-    const std::unique_ptr<ifaddrs, decltype(&::freeifaddrs)> all(first, ::freeifaddrs);
-    std::vector<std::string> addresses;
-    for (const ifaddrs* one = first; one; one = one->ifa_next) {
-        if (!one->ifa_addr || one->ifa_addr->sa_family != AF_INET) continue;
-        if ((one->ifa_flags & IFF_LOOPBACK) != 0 || (one->ifa_flags & IFF_UP) == 0) continue;
-        char text[INET_ADDRSTRLEN];
-        const auto* address = reinterpret_cast<const sockaddr_in*>(one->ifa_addr);
-        if (::inet_ntop(AF_INET, &address->sin_addr, text, sizeof text))
-            addresses.emplace_back(text);
-    }
-    return addresses;
 }
 
 }  // namespace
@@ -70,15 +50,35 @@ std::optional<RunningServer::Where> RunningServer::find(const std::filesystem::p
     return where;
 }
 
-std::vector<std::string> reachableUrls(const std::string& host, std::uint16_t port) {
-    if (host != "0.0.0.0" && host != "::") return {urlOf(host, port)};
+std::vector<std::string> ipv4Addresses() {
+    ifaddrs* first = nullptr;
+    if (::getifaddrs(&first) != 0) return {};
+    const std::unique_ptr<ifaddrs, decltype(&::freeifaddrs)> all(first, ::freeifaddrs);
+    std::vector<std::string> addresses;
+    for (const ifaddrs* one = first; one; one = one->ifa_next) {
+        if (!one->ifa_addr || one->ifa_addr->sa_family != AF_INET) continue;
+        if ((one->ifa_flags & IFF_LOOPBACK) != 0 || (one->ifa_flags & IFF_UP) == 0) continue;
+        char text[INET_ADDRSTRLEN];
+        const auto* address = reinterpret_cast<const sockaddr_in*>(one->ifa_addr);
+        if (::inet_ntop(AF_INET, &address->sin_addr, text, sizeof text))
+            addresses.emplace_back(text);
+    }
+    return addresses;
+}
+
+std::vector<std::string> reachableUrls(const std::string& host, std::uint16_t port,
+                                       bool isEncrypted) {
+    const auto urlOf = [&](const std::string& name) {
+        return (isEncrypted ? "wss://" : "ws://") + serverName(name, port);
+    };
+    if (host != "0.0.0.0" && host != "::") return {urlOf(host)};
     std::vector<std::string> urls;
     char name[256] = {};
     const auto addresses = ipv4Addresses();
     if (!addresses.empty() && ::gethostname(name, sizeof name - 1) == 0 && *name)
-        urls.push_back(urlOf(name, port));
-    for (const std::string& address : addresses) urls.push_back(urlOf(address, port));
-    if (urls.empty()) urls.push_back(urlOf("127.0.0.1", port));
+        urls.push_back(urlOf(name));
+    for (const std::string& address : addresses) urls.push_back(urlOf(address));
+    if (urls.empty()) urls.push_back(urlOf("127.0.0.1"));
     return urls;
 }
 

@@ -17,6 +17,7 @@
 #include "usdlive/server/app/Projects.h"
 #include "usdlive/server/app/RunningServer.h"
 #include "usdlive/server/app/SpdLog.h"
+#include "usdlive/server/app/TlsOptions.h"
 #include "usdlive/server/app/Workers.h"
 #include "usdlive/server/storage/RocksCommitStore.h"
 #include "usdlive/server/transport/HttpServer.h"
@@ -62,24 +63,25 @@ void raiseLimitOfDescriptors() {
 }
 
 /// Returns the names under which the server answers (HO1).
-HostNames hostNames(const ServerOptions& options) {
+std::vector<std::string> hostNames(const ServerOptions& options) {
     const auto host = hostOf(options.host);
     const bool isLoopbackOnly =
         host && (*host == "localhost" || *host == "::1" || host->starts_with("127."));
     std::vector<std::string> names = namesOfThisMachine(isLoopbackOnly);
     names.push_back(options.host);
     names.insert(names.end(), options.allowedHosts.begin(), options.allowedHosts.end());
-    return HostNames(names);
+    return names;
 }
 
-HttpServerOptions httpOptions(const ServerOptions& options) {
+HttpServerOptions httpOptions(const ServerOptions& options, const ServerTls* tls) {
     HttpServerOptions http;
     http.host = options.host;
     http.port = options.port;
     http.seats.members = options.maxSessions;
     http.seats.guests = options.maxGuests;
     http.headerTime = std::chrono::seconds(options.guestSeconds);
-    http.hosts = hostNames(options);
+    http.hosts = HostNames(hostNames(options));
+    http.tls = tls;
     http.allowedOrigins = options.allowedOrigins;
     return http;
 }
@@ -106,8 +108,8 @@ std::string joined(const std::vector<std::string>& texts) {
 }
 
 /// Prints the addresses and projects when the server is ready.
-void announce(const ServerOptions& options, const Projects& projects, std::uint16_t port) {
-    const auto urls = reachableUrls(options.host, port);
+void announce(const ServerOptions& options, const Projects& projects,
+              const std::vector<std::string>& urls) {
     const auto all = projects.all();
     if (!projects.areSeveral()) {
         const auto status = all.front()->status();
@@ -143,7 +145,8 @@ public:
                   return createSpdLog(options.logLevel, options.logFormat, project);
               },
               *log_),
-          signals_(io_, SIGINT, SIGTERM) {}
+          signals_(io_, SIGINT, SIGTERM),
+          hangups_(io_) {}
 
     int run() {
         if (options_.dds)
@@ -185,16 +188,18 @@ private:
             all, [](const ServedProject* project) { return project->status().error.has_value(); });
         if (!all.empty() && std::size_t(failed) == all.size())
             return fail(*all.front()->status().error);
+        auto tls = loadTls(options_, hostNames(options_));
+        if (!tls) return fail(tls.error());
+        tls_ = std::move(*tls);
         auto http = createHttpServer(
-            io_, httpOptions(options_),
+            io_, httpOptions(options_, tls_.get()),
             [this](const HttpTarget& target) { return projects_.route(target); }, *log_);
         if (!http) return fail(http.error());
         http_ = std::move(*http);
-        projects_.announce(reachableUrls(options_.host, http_->port()).front(), *http_,
-                           [this](const Result<void>& announced) {
-                               if (!announced) return fail(announced.error());
-                               ready();
-                           });
+        projects_.announce(urls().front(), *http_, [this](const Result<void>& announced) {
+            if (!announced) return fail(announced.error());
+            ready();
+        });
     }
 
     void ready() {
@@ -206,7 +211,30 @@ private:
         if (!options_.portFile.empty())
             if (const auto written = writePortFile(options_.portFile, http_->port()); !written)
                 return fail(written.error());
-        announce(options_, projects_, http_->port());
+        announce(options_, projects_, urls());
+        if (!tls_) return;
+        if (!tls_->fingerprint().empty())
+            std::cout << "fingerprint " << tls_->fingerprint() << std::endl;
+        hangups_.add(SIGHUP);
+        reloadAtHangup();
+    }
+
+    std::vector<std::string> urls() const {
+        return reachableUrls(options_.host, http_->port(), tls_ != nullptr);
+    }
+
+    /// Lets an administrator replace the certificate without ending sessions.
+    void reloadAtHangup() {
+        hangups_.async_wait([this](const boost::system::error_code& error, int) {
+            if (error) return;
+            if (const auto reloaded = tls_->reload(); !reloaded)
+                log_->write(LogLevel::Error, "the certificate was not replaced",
+                            {{"error", reloaded.error().message}});
+            else
+                log_->write(LogLevel::Info, "certificate reloaded",
+                            {{"fingerprint", tls_->fingerprint()}});
+            reloadAtHangup();
+        });
     }
 
     const ServerOptions& options_;
@@ -216,8 +244,9 @@ private:
     // Keeps io_ running, because stopping projects call back from their threads.
     const asio::executor_work_guard<asio::io_context::executor_type> work_{io_.get_executor()};
     Projects projects_;
+    std::unique_ptr<ServerTls> tls_;  // nullptr: not encrypted
     std::unique_ptr<HttpServer> http_;
-    asio::signal_set signals_;
+    asio::signal_set signals_, hangups_;
     int code_ = 0;
     bool isStopping_ = false;
 };

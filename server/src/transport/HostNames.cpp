@@ -28,17 +28,17 @@ std::string lowerCase(std::string_view text) {
     return lower;
 }
 
-bool isAddress(const std::string& text) {
-    boost::system::error_code error;
-    (void)boost::asio::ip::make_address(text, error);
-    return !error;
-}
-
 bool isPort(std::string_view text) {
     return text.size() <= 5 && std::ranges::all_of(text, isDigit);
 }
 
 }  // namespace
+
+bool isAddress(const std::string& text) {
+    boost::system::error_code error;
+    (void)boost::asio::ip::make_address(text, error);
+    return !error;
+}
 
 std::optional<std::string> hostOf(std::string_view header) {
     const bool isBracketed = header.starts_with('[');

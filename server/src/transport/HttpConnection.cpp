@@ -1,6 +1,8 @@
 // Reads one HTTP request and answers it, or hands the connection over as a session.
 #include "HttpConnection.h"
 
+#include <sys/socket.h>
+
 #include <algorithm>
 #include <array>
 #include <boost/asio/post.hpp>
@@ -19,6 +21,7 @@
 
 #include "HttpRanges.h"
 #include "Upgrade.h"
+#include "usdlive/server/transport/ServerTls.h"
 
 namespace usdlive::server {
 
@@ -37,6 +40,9 @@ constexpr std::chrono::seconds kAnswerTime{5};
 // read.
 constexpr std::uint64_t kPartBytes = 512 * 1024;
 
+// The first byte of a client's first record of TLS.
+constexpr std::uint8_t kTlsHandshake = 0x16;
+
 constexpr unsigned kOk = 200, kPartial = 206, kNotModified = 304, kBadRequest = 400,
                    kForbidden = 403, kNotAllowed = 405, kRangeNotSatisfiable = 416,
                    kMisdirected = 421, kUpgradeRequired = 426, kHeadersTooLarge = 431,
@@ -54,13 +60,13 @@ HttpTarget targetOf(const Request& request) {
     return {target.substr(0, mark), target.substr(mark + 1)};
 }
 
-std::string quoted(const std::string& etag) { return '"' + etag + '"'; }
+std::string inQuotes(const std::string& etag) { return '"' + etag + '"'; }
 
 class Connection final : public HttpConnection, public std::enable_shared_from_this<Connection> {
 public:
-    Connection(HttpHub& hub, Socket socket, std::unique_ptr<Seat> seat)
+    Connection(HttpHub& hub, NetStream stream, std::unique_ptr<Seat> seat)
         : hub_(hub),
-          socket_(std::move(socket)),
+          stream_(std::move(stream)),
           seat_(std::move(seat)),
           buffer_(2 * kHeaderBytes),
           deadline_(steady_clock::now() + hub.options.headerTime) {
@@ -73,10 +79,10 @@ public:
                 if (const auto self = weak.lock()) self->finish();
             });
         });
-        http::async_read_header(socket_, buffer_, parser_,
-                                [self = shared_from_this()](beast::error_code error, std::size_t) {
-                                    self->onHeader(error);
-                                });
+        if (hub_.options.tls)
+            recognize();
+        else
+            readHeader();
     }
 
     void sweep(TimePoint now) override {
@@ -90,10 +96,7 @@ public:
         cut();
     }
 
-    void cut() override {
-        beast::error_code ignored;
-        socket_.close(ignored);
-    }
+    void cut() override { stream_.close(); }
 
     void abandon() override {
         done_ = true;
@@ -102,6 +105,40 @@ public:
     }
 
 private:
+    /// Looks at the first byte, because a request in plain text deserves an answer that it can
+    /// read.
+    void recognize() {
+        stream_.socket().async_wait(NetSocket::wait_read,
+                                    [self = shared_from_this()](beast::error_code error) {
+                                        if (error || self->done_) return self->finish();
+                                        std::uint8_t first = 0;
+                                        if (::recv(self->stream_.socket().native_handle(), &first,
+                                                   1, MSG_PEEK | MSG_DONTWAIT) != 1)
+                                            return self->finish();
+                                        if (first == kTlsHandshake) return self->encrypt();
+                                        self->isPlainByMistake_ = true;
+                                        self->readHeader();
+                                    });
+    }
+
+    void encrypt() {
+        stream_.encrypt(hub_.options.tls->accepted());
+        stream_.async_handshake([self = shared_from_this()](beast::error_code error) {
+            if (self->done_) return;
+            if (!error) return self->readHeader();
+            self->hub_.log.write(LogLevel::Debug, "handshake of TLS failed",
+                                 {{"error", error.message()}});
+            self->finish();
+        });
+    }
+
+    void readHeader() {
+        http::async_read_header(stream_, buffer_, parser_,
+                                [self = shared_from_this()](beast::error_code error, std::size_t) {
+                                    self->onHeader(error);
+                                });
+    }
+
     void onHeader(beast::error_code error) {
         if (done_) return;
         if (error == http::error::header_limit || error == http::error::buffer_overflow)
@@ -110,6 +147,9 @@ private:
             error != http::error::end_of_stream && error != http::error::partial_message)
             return answer({"text/plain", "not HTTP: " + error.message() + "\n", kBadRequest});
         if (error) return finish();
+        if (isPlainByMistake_)
+            return answer(
+                {"text/plain", "this server speaks TLS: use wss:// or https://\n", kBadRequest});
         route(parser_.get());
     }
 
@@ -159,7 +199,7 @@ private:
         seat_->giveWayBy(nullptr);
         seat_->moved(steady_clock::now());
         transport.take(std::make_unique<Upgrade>(
-            Upgrade{parser_.release(), std::move(socket_), std::move(seat_)}));
+            Upgrade{parser_.release(), stream_.release(), std::move(seat_)}));
         hub_.finished(*this);
     }
 
@@ -253,7 +293,7 @@ private:
         extend(kAnswerTime);
         if (!content_) return sendWhole();
         serializer_.emplace(response_);
-        http::async_write_header(socket_, *serializer_,
+        http::async_write_header(stream_, *serializer_,
                                  [self = shared_from_this()](beast::error_code error, std::size_t) {
                                      if (error || self->done_) return self->finish();
                                      self->readPart();
@@ -267,7 +307,7 @@ private:
         response_.set(http::field::server, "usdlive");
         if (!reply.contentType.empty()) response_.set(http::field::content_type, reply.contentType);
         for (const auto& [name, value] : reply.headers) response_.set(name, value);
-        if (!reply.etag.empty()) response_.set(http::field::etag, quoted(reply.etag));
+        if (!reply.etag.empty()) response_.set(http::field::etag, inQuotes(reply.etag));
         // A client may keep what has an ETag, and asks each time whether it is still valid.
         response_.set(http::field::cache_control, reply.etag.empty() ? "no-store" : "no-cache");
         if (status == http::status::method_not_allowed)
@@ -281,7 +321,7 @@ private:
 
     bool matches(const std::string& etag) {
         const std::string_view wanted = view(parser_.get()[http::field::if_none_match]);
-        return wanted == "*" || wanted.find(quoted(etag)) != std::string_view::npos;
+        return wanted == "*" || wanted.find(inQuotes(etag)) != std::string_view::npos;
     }
 
     /// Returns the bytes that the request asks for, and sets the status of the reply.
@@ -290,7 +330,7 @@ private:
         reply.headers.emplace_back("Accept-Ranges", "bytes");
         const std::string_view condition = view(request[http::field::if_range]);
         const std::string_view header = view(request[http::field::range]);
-        if (header.empty() || (!condition.empty() && condition != quoted(reply.etag)))
+        if (header.empty() || (!condition.empty() && condition != inQuotes(reply.etag)))
             return {0, size};
         const auto range = parseByteRange(header, size);
         if (!range) return {0, size};
@@ -309,9 +349,9 @@ private:
             self->sent();
         };
         if (isHead_)
-            http::async_write_header(socket_, *serializer_, done);
+            http::async_write_header(stream_, *serializer_, done);
         else
-            http::async_write(socket_, *serializer_, done);
+            http::async_write(stream_, *serializer_, done);
     }
 
     // ---- a content in parts: one is read while the one before it is sent
@@ -353,7 +393,7 @@ private:
         const auto wholePart = [](const beast::error_code& error, std::size_t /*sent*/) {
             return error ? 0 : std::size_t(kPartBytes);
         };
-        asio::async_write(socket_, asio::buffer(writing_), wholePart,
+        asio::async_write(stream_, asio::buffer(writing_), wholePart,
                           [self = shared_from_this()](beast::error_code error, std::size_t) {
                               if (error || self->done_) return self->finish();
                               self->partWritten();
@@ -376,8 +416,7 @@ private:
     }
 
     void sent() {
-        beast::error_code ignored;
-        socket_.shutdown(Socket::shutdown_send, ignored);
+        stream_.shutdownSend();
         extend(kAnswerTime);
         drain();
     }
@@ -385,7 +424,7 @@ private:
     // Reads the rest, because closing with unread bytes would reset the connection and could lose
     // the answer.
     void drain() {
-        socket_.async_read_some(asio::buffer(scratch_),
+        stream_.async_read_some(asio::buffer(scratch_),
                                 [self = shared_from_this()](beast::error_code error, std::size_t) {
                                     if (error) return self->finish();
                                     self->drain();
@@ -400,7 +439,7 @@ private:
     }
 
     HttpHub& hub_;
-    Socket socket_;
+    NetStream stream_;
     std::unique_ptr<Seat> seat_;  // nullptr after the end
     beast::flat_buffer buffer_;
     http::request_parser<http::empty_body> parser_;
@@ -409,6 +448,7 @@ private:
     std::array<char, 512> scratch_;
     TimePoint deadline_;
     bool isHead_ = false;
+    bool isPlainByMistake_ = false;  // a request in plain text, and the server demands TLS
 
     // A content that is being sent.
     std::shared_ptr<HttpContent> content_;
@@ -426,9 +466,9 @@ private:
 
 }  // namespace
 
-std::shared_ptr<HttpConnection> createHttpConnection(HttpHub& hub, Socket socket,
+std::shared_ptr<HttpConnection> createHttpConnection(HttpHub& hub, NetStream stream,
                                                      std::unique_ptr<Seat> seat) {
-    return std::make_shared<Connection>(hub, std::move(socket), std::move(seat));
+    return std::make_shared<Connection>(hub, std::move(stream), std::move(seat));
 }
 
 }  // namespace usdlive::server

@@ -4,7 +4,8 @@
 #include <memory>
 
 #include "HttpHub.h"
-#include "Socket.h"
+#include "Timer.h"
+#include "usdlive/common/net/NetStream.h"
 #include "usdlive/server/transport/Seats.h"
 
 namespace usdlive::server {
@@ -23,7 +24,7 @@ public:
 };
 
 /// Holds `seat` while the connection is open, also as a session.
-[[nodiscard]] std::shared_ptr<HttpConnection> createHttpConnection(HttpHub& hub, Socket socket,
+[[nodiscard]] std::shared_ptr<HttpConnection> createHttpConnection(HttpHub& hub, NetStream stream,
                                                                    std::unique_ptr<Seat> seat);
 
 }  // namespace usdlive::server

@@ -75,7 +75,7 @@ private:
         const TimePoint now = steady_clock::now();
         if (!seats_.makeRoom(now)) return acceptIn(kSeatPause);
         boost::system::error_code error;
-        Socket socket(io);
+        NetSocket socket(io);
         acceptor_.accept(socket, error);
         if (error == asio::error::would_block || error == asio::error::connection_aborted)
             return accept();  // the peer has left
@@ -87,7 +87,7 @@ private:
         ++accepted_;
         boost::system::error_code ignored;
         const auto peer = socket.remote_endpoint(ignored);
-        const auto connection = createHttpConnection(*this, std::move(socket),
+        const auto connection = createHttpConnection(*this, NetStream(std::move(socket)),
                                                      seats_.take(peer.address().to_string(), now));
         connections_.emplace(connection.get(), connection);
         connection->start();

@@ -5,7 +5,7 @@
 #include <memory>
 
 #include "SessionCore.h"
-#include "Socket.h"
+#include "Timer.h"
 #include "usdlive/server/transport/WebSocketTransport.h"
 
 namespace usdlive::server {

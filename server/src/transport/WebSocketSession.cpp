@@ -119,17 +119,17 @@ private:
 class BeastSession final : public WebSocketSession,
                            public std::enable_shared_from_this<BeastSession> {
 public:
-    BeastSession(WebSocketHub& hub, SessionId id, Socket socket, std::unique_ptr<Upgrade> upgrade)
+    BeastSession(WebSocketHub& hub, SessionId id, std::unique_ptr<Upgrade> upgrade)
         : WebSocketSession(hub, id, hub.options.slowReaderBytes, State::Opening),
           hub_(hub),
           upgrade_(std::move(upgrade)),
-          stream_(std::move(socket)),
+          stream_(NetStream(hub.io, std::move(upgrade_->connection))),
           life_(hub.options.peerTime, steady_clock::now()) {
         // Without these options a small commit waits for the acknowledgement of the previous one,
         // or behind megabytes of a snapshot in the system's buffer.
         beast::error_code ignored;
-        lowest().set_option(asio::ip::tcp::no_delay(true), ignored);
-        limitUnsent(lowest().native_handle(), kFragmentBytes);
+        socket().set_option(asio::ip::tcp::no_delay(true), ignored);
+        limitUnsent(socket().native_handle(), kFragmentBytes);
 
         websocket::stream_base::timeout timeout;
         timeout.handshake_timeout = hub.options.handshakeTime;
@@ -147,7 +147,7 @@ public:
 
     void start() override {
         beast::error_code ignored;
-        const auto peer = lowest().remote_endpoint(ignored);
+        const auto peer = socket().remote_endpoint(ignored);
         upgrade_->seat->giveWayBy([io = &hub_.io, weak = weak_from_this()] {
             asio::post(*io, [weak] {
                 const auto self = weak.lock();
@@ -180,7 +180,7 @@ public:
             sweepGoodbye(now);
             return;
         }
-        const auto sent = sendProgress(lowest().native_handle());
+        const auto sent = sendProgress(socket().native_handle());
         if (sent && sent->acknowledged >= progress_ + kLeastProgress) {
             progress_ = sent->acknowledged;
             writeDeadline_ = std::max(writeDeadline_, now + hub_.options.slowReaderTime);
@@ -208,7 +208,7 @@ public:
     }
 
 private:
-    Socket& lowest() { return beast::get_lowest_layer(stream_); }
+    NetSocket& socket() { return stream_.next_layer().socket(); }
 
     // Implements SessionCore.
     std::size_t waitingBytes() const override { return queue_.bytes() + batch_.bytes(); }
@@ -244,10 +244,7 @@ private:
         return fail(ErrorCode::TooManySessions,
                     "the projects of this server have as many sessions as it may have");
     }
-    void closeSocket() {
-        beast::error_code ignored;
-        lowest().close(ignored);
-    }
+    void closeSocket() { stream_.next_layer().close(); }
 
     void onAccepted(beast::error_code error) {
         if (state() != State::Opening) return;
@@ -277,7 +274,7 @@ private:
             {payload.data(), payload.size()}, [self = shared_from_this()](beast::error_code error) {
                 self->isPinging_ = false;
                 if (error || !self->isOpen()) return;
-                self->life_.pingWritten(sendProgress(self->lowest().native_handle()));
+                self->life_.pingWritten(sendProgress(self->socket().native_handle()));
                 if (self->pingsAgain_) self->ping();
             });
     }
@@ -364,7 +361,7 @@ private:
 
     WebSocketHub& hub_;
     const std::unique_ptr<Upgrade> upgrade_;  // its seat is nullptr after the end
-    websocket::stream<Socket, false> stream_;
+    websocket::stream<NetStream, false> stream_;
 
     beast::flat_buffer buffer_;
     TimePoint received_;  // when bytes of a message arrived last
@@ -389,9 +386,8 @@ private:
 }  // namespace
 
 std::shared_ptr<WebSocketSession> createWebSocketSession(WebSocketHub& hub, SessionId id,
-                                                         Socket socket,
                                                          std::unique_ptr<Upgrade> upgrade) {
-    return std::make_shared<BeastSession>(hub, id, std::move(socket), std::move(upgrade));
+    return std::make_shared<BeastSession>(hub, id, std::move(upgrade));
 }
 
 }  // namespace usdlive::server

@@ -27,8 +27,8 @@ protected:
     using SessionCore::SessionCore;
 };
 
-/// `socket` belongs to the hub's io_context.
+/// The session takes the connection of `upgrade` to the hub's io_context.
 [[nodiscard]] std::shared_ptr<WebSocketSession> createWebSocketSession(
-    WebSocketHub& hub, SessionId id, Socket socket, std::unique_ptr<Upgrade> upgrade);
+    WebSocketHub& hub, SessionId id, std::unique_ptr<Upgrade> upgrade);
 
 }  // namespace usdlive::server

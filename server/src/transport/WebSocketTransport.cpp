@@ -12,44 +12,17 @@
 #include "WebSocketHub.h"
 #include "WebSocketSession.h"
 #include "WhileAlive.h"
-#include "usdlive/common/core/Descriptor.h"
 
 namespace usdlive::server {
 
 namespace {
 
 namespace asio = boost::asio;
-using asio::ip::tcp;
 using std::chrono::milliseconds;
 using std::chrono::steady_clock;
 
 constexpr milliseconds kLongestSweep{500};
 constexpr milliseconds kStopSweep{50};
-
-/// Moves a connection from one io_context to another.
-class ReleasedSocket {
-public:
-    explicit ReleasedSocket(Socket& socket) {
-        boost::system::error_code error;
-        const auto local = socket.local_endpoint(error);
-        if (error) return;
-        protocol_ = local.protocol();
-        const int descriptor = socket.release(error);
-        if (!error) descriptor_ = Descriptor(descriptor);
-    }
-    [[nodiscard]] std::optional<Socket> assign(asio::io_context& io) {
-        Socket socket(io);
-        boost::system::error_code error;
-        if (descriptor_) socket.assign(protocol_, descriptor_.get(), error);
-        if (!descriptor_ || error) return std::nullopt;
-        (void)descriptor_.release();
-        return socket;
-    }
-
-private:
-    tcp protocol_ = tcp::v4();
-    Descriptor descriptor_;
-};
 
 class WebSockets final : public WebSocketTransport, public WebSocketHub {
 public:
@@ -64,10 +37,8 @@ public:
     }
 
     void take(std::unique_ptr<Upgrade> upgrade) override {
-        ReleasedSocket socket(upgrade->socket);
-        asio::post(io, whileAlive(life_, [this, socket = std::move(socket),
-                                          upgrade = std::move(upgrade)]() mutable {
-                       open(socket, std::move(upgrade));
+        asio::post(io, whileAlive(life_, [this, upgrade = std::move(upgrade)]() mutable {
+                       open(std::move(upgrade));
                    }));
     }
 
@@ -132,12 +103,10 @@ private:
         }
     }
 
-    void open(ReleasedSocket& released, std::unique_ptr<Upgrade> upgrade) {
-        auto socket = released.assign(io);
-        if (!socket || stopDeadline_) return;
+    void open(std::unique_ptr<Upgrade> upgrade) {
+        if (!upgrade->connection.descriptor || stopDeadline_) return;
         const SessionId id = ++lastSession_;
-        const auto session =
-            createWebSocketSession(*this, id, std::move(*socket), std::move(upgrade));
+        const auto session = createWebSocketSession(*this, id, std::move(upgrade));
         sessions_.emplace(id, session);
         ++WebSocketHub::counters.accepted;
         WebSocketHub::counters.connections = sessions_.size();

@@ -14,6 +14,9 @@
 
 namespace usdlive::server {
 
+/// Stands for a certificate that the server makes itself.
+inline constexpr const char* kOwnCertificate = "auto";
+
 /// The options of the command line and the configuration file.
 struct ServerOptions {
     std::vector<std::filesystem::path> folders;  ///< each is a project
@@ -22,6 +25,8 @@ struct ServerOptions {
     std::uint16_t port = 7447;
     std::filesystem::path portFile;
     std::vector<std::string> allowedHosts, allowedOrigins;
+    /// The files of a certificate and its key, or kOwnCertificate; empty: not encrypted.
+    std::vector<std::string> tls;
     bool dds = false;
     std::string ddsInterface = "lo";
     std::uint64_t ddsDomain = 74;

@@ -34,6 +34,10 @@ private:
 /// Returns the URLs at which other machines reach a server that listens at `host`. For 0.0.0.0 and
 /// :: there is one with the name of this machine and one for each of its addresses, without
 /// loopback if there is another.
-[[nodiscard]] std::vector<std::string> reachableUrls(const std::string& host, std::uint16_t port);
+[[nodiscard]] std::vector<std::string> reachableUrls(const std::string& host, std::uint16_t port,
+                                                     bool isEncrypted);
+
+/// Returns the addresses of this machine, without loopback.
+[[nodiscard]] std::vector<std::string> ipv4Addresses();
 
 }  // namespace usdlive::server

@@ -9,6 +9,9 @@
 
 namespace usdlive::server {
 
+/// Returns whether the text is an address of IPv4 or IPv6, without brackets.
+[[nodiscard]] bool isAddress(const std::string& text);
+
 /// Returns the host of a header `Host`, in lower case and without port, brackets and final dot.
 /// Returns nothing if the text is no host.
 [[nodiscard]] std::optional<std::string> hostOf(std::string_view header);

@@ -24,6 +24,8 @@ class io_context;
 
 namespace usdlive::server {
 
+class ServerTls;
+
 /// Content that is sent in parts, so that a large file does not take its size in memory.
 class HttpContent {
 public:
@@ -85,6 +87,8 @@ struct HttpServerOptions {
     /// The values of the header Origin that may open sessions; "*" allows all. Browsers send the
     /// origin of the page that connects. Other programs send no origin and may connect.
     std::vector<std::string> allowedOrigins;
+    /// Encrypts all connections; nullptr: none. Has to outlive the server, whose thread uses it.
+    const ServerTls* tls = nullptr;
 };
 
 struct HttpCounters {

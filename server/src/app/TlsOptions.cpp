@@ -1,0 +1,39 @@
+// Loads the certificate that the options name, or creates one.
+#include "usdlive/server/app/TlsOptions.h"
+
+#include <algorithm>
+
+#include "usdlive/server/app/RunningServer.h"
+#include "usdlive/server/transport/HostNames.h"
+
+namespace usdlive::server {
+
+namespace {
+
+/// Returns the names and addresses for a certificate of our own.
+std::vector<std::string> certifiedNames(const std::vector<std::string>& hosts) {
+    std::vector<std::string> names{"localhost", "127.0.0.1", "::1"};
+    const auto add = [&names](const std::string& host) {
+        if (const auto name = hostOf(host); name && std::ranges::find(names, *name) == names.end())
+            names.push_back(*name);
+    };
+    std::ranges::for_each(hosts, add);
+    std::ranges::for_each(ipv4Addresses(), add);
+    return names;
+}
+
+}  // namespace
+
+Result<std::unique_ptr<ServerTls>> loadTls(const ServerOptions& options,
+                                           const std::vector<std::string>& hosts) {
+    if (options.tls.empty()) return nullptr;
+    if (options.tls.front() != kOwnCertificate)
+        return ServerTls::load({options.tls.front(), options.tls.back()}, hosts);
+    const auto& folder =
+        options.projectsFolder.empty() ? options.folders.front() : options.projectsFolder;
+    const auto files = ownTlsFiles(folder / ".usdlive" / "tls", certifiedNames(hosts));
+    if (!files) return tl::unexpected(files.error());
+    return ServerTls::load(*files, hosts);
+}
+
+}  // namespace usdlive::server
