@@ -25,6 +25,7 @@
 #include "usdlive/common/layer/KitLockMap.h"
 #include "usdlive/common/layer/LayerLock.h"
 #include "usdlive/common/layer/SpecLocks.h"
+#include "usdlive/common/net/KnownServers.h"
 #include "usdlive/common/usd/LayerFill.h"
 
 namespace usdlive::cli {
@@ -678,6 +679,17 @@ Result<void> stat(const Common& options) {
         std::cout << (options.json ? line(answerToJson(storage))
                                    : describe(storage, Palette::of(STDOUT_FILENO)));
     });
+}
+
+Result<void> forget(const ForgetOptions& options) {
+    const std::string server = options.server.hostAndPort();
+    const auto wasKnown = KnownServers().forget(options.server.host, options.server.port);
+    if (!wasKnown) return tl::unexpected(wasKnown.error());
+    if (!*wasKnown)
+        return fail(ErrorCode::InvalidArgument,
+                    "nothing is known about " + server + ", so there is nothing to forget");
+    std::cout << "forgot the certificate and the token of " << server << "\n";
+    return {};
 }
 
 Error serve(char** arguments) {

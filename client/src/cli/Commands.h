@@ -58,6 +58,10 @@ struct UploadOptions : Common {
     bool overwrite = false;
 };
 
+struct ForgetOptions {
+    client::ServerAddress server;
+};
+
 Result<void> list(const ListOptions& options);
 /// Lists the connected users with selection, edit target and time.
 Result<void> who(const Common& options);
@@ -82,6 +86,8 @@ Result<void> compact(const CompactOptions& options);
 /// Prints the disk space of the server's store.
 Result<void> stat(const Common& options);
 Result<void> setMuted(const MuteOptions& options, bool muted);
+/// Forgets the certificate and the token of a server.
+Result<void> forget(const ForgetOptions& options);
 /// Replaces this process by `usdlive-server`. Returns only if that fails.
 Error serve(char** arguments);
 

@@ -14,9 +14,9 @@ namespace usdlive::cli {
 namespace {
 
 constexpr auto kUrl =
-    "URL is ws://HOST:PORT, HOST:PORT or dds://PROJECT; the default is USDLIVE_URL, or\n"
-    "ws://127.0.0.1:7447. For a server with several projects use ws://HOST:PORT/PROJECT.\n"
-    "The URL may name a layer: ws://HOST:PORT/LAYER.";
+    "URL is ws://HOST:PORT, wss://HOST:PORT (encrypted), HOST:PORT or dds://PROJECT; the\n"
+    "default is USDLIVE_URL, or ws://127.0.0.1:7447. For a server with several projects use\n"
+    "ws://HOST:PORT/PROJECT. The URL may name a layer: ws://HOST:PORT/LAYER.";
 
 /// Prints the words that follow a verb in the help.
 class VerbFormatter final : public CLI::Formatter {
@@ -84,6 +84,7 @@ public:
         addPlain("lock", "Lock layers against edits by others", "[URL] LAYER...", kSome,
                  [](const Common& options) { return setLocked(options, true); });
         addUnlock();
+        addForget();
         app_.add_subcommand("completion", "Print a completion script for bash, zsh or fish");
         app_.add_subcommand("help", "Print the help of a verb: usdlive help VERB");
     }
@@ -288,6 +289,16 @@ private:
                            });
         unlock->add_flag("--all", options->all,
                          "Remove all locks of layers and specs, and all mutes; for administrators");
+    }
+
+    void addForget() {
+        const auto read = [](const Words& words, ForgetOptions& into) {
+            if (words.size() != 1) usageError("name one server: usdlive forget HOST:PORT");
+            into.server = orUsageError(client::parseServerAddress(words.front()));
+            if (into.server.dds) usageError("name a server: usdlive forget HOST:PORT");
+        };
+        addVerb("forget", "Forget the certificate and the token of a server", "HOST:PORT",
+                std::make_shared<ForgetOptions>(), read, forget);
     }
 
     void addSave() {

@@ -17,21 +17,24 @@
 
 namespace usdlive::client {
 
-/// The address of a project: `ws://host:port`, `usdlive://host:port` or `host:port` (all the same),
+/// The address of a project: `ws://host:port`, or `wss://host:port` if the connection is encrypted,
 /// followed by `/project` if the server has several projects; or `dds://project`. A further path
 /// names a layer: `ws://127.0.0.1:7447/shot.usda`, `ws://127.0.0.1:7447/project/shot.usda`.
+/// `usdlive://host:port` and `host:port` are encrypted if the server is known to be (KnownServers).
 struct ServerAddress {
     std::string host;
     std::uint16_t port = 7447;
     std::string layer;         ///< empty: no layer
     std::string project = {};  ///< empty: the server's only project
     bool dds = false;          ///< with an empty project: all projects found
+    bool isSecure = false;     ///< the connection is encrypted with TLS
 
     [[nodiscard]] std::string url() const;
     /// Returns the text of the header Host, with the brackets of an IPv6 address.
     [[nodiscard]] std::string hostAndPort() const;
 };
-/// Error: InvalidArgument names the problem of the text.
+/// Reads the file of known servers if the text does not say whether the connection is encrypted.
+/// Errors: InvalidArgument names the problem of the text, InvalidConfiguration that of the file.
 [[nodiscard]] Result<ServerAddress> parseServerAddress(const std::string& text);
 
 /// A project of a server, as reported over HTTP.
@@ -99,7 +102,9 @@ public:
 /// this process cannot use DDS with its settings.
 [[nodiscard]] Result<std::unique_ptr<Connection>> createConnection(const ServerAddress& address);
 
-/// Connects over WebSocket to `/live`. A lost peer is detected within 15 s with pings.
+/// Connects over WebSocket to `/live`. Identifies itself with the token that is known for the
+/// server, and accepts the certificates that ClientTls does. A lost peer is detected within 15 s
+/// with pings.
 [[nodiscard]] std::unique_ptr<Connection> createWebSocketConnection(
     const ServerAddress& address, Connection::Brings brings = Connection::Brings::Bytes);
 

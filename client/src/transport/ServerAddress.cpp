@@ -10,15 +10,21 @@
 #include "usdlive/common/core/LayerPath.h"
 #include "usdlive/common/core/PercentEncoding.h"
 #include "usdlive/common/core/Thread.h"
+#include "usdlive/common/net/KnownServers.h"
 
 namespace usdlive::client {
 
 namespace {
 
-constexpr std::array<std::string_view, 2> kSchemes{"ws://", "usdlive://"};
+// The meaning of a scheme.
+enum class Encrypted { Yes, No, IfKnown };
+constexpr std::array<std::pair<std::string_view, Encrypted>, 3> kSchemes{
+    {{"ws://", Encrypted::No}, {"wss://", Encrypted::Yes}, {"usdlive://", Encrypted::IfKnown}}};
 constexpr std::string_view kDds = "dds://";
 constexpr std::string_view kHint =
-    "expected ws://HOST:PORT, ws://HOST:PORT/PROJECT, HOST:PORT, dds://PROJECT, or one with /LAYER";
+    "expected ws://HOST:PORT, wss://HOST:PORT, ws://HOST:PORT/PROJECT, HOST:PORT, dds://PROJECT, "
+    "or "
+    "one with /LAYER";
 
 tl::unexpected<Error> badAddress(const std::string& text, const std::string& what) {
     return fail(ErrorCode::InvalidArgument, "'" + text + "' is not the address of a server: " +
@@ -32,10 +38,22 @@ bool hasScheme(std::string_view text, std::string_view scheme) {
     return std::ranges::equal(text.substr(0, scheme.size()), scheme, {}, lower);
 }
 
-std::optional<std::string_view> withoutScheme(std::string_view text) {
-    for (const auto scheme : kSchemes)
-        if (hasScheme(text, scheme)) return text.substr(scheme.size());
+struct Unprefixed {
+    std::string_view rest;
+    Encrypted encrypted = Encrypted::IfKnown;
+};
+std::optional<Unprefixed> withoutScheme(std::string_view text) {
+    for (const auto& [scheme, encrypted] : kSchemes)
+        if (hasScheme(text, scheme)) return Unprefixed{text.substr(scheme.size()), encrypted};
+    if (text.find("://") == std::string_view::npos) return Unprefixed{text};  // HOST:PORT
     return std::nullopt;
+}
+
+Result<bool> isEncrypted(Encrypted encrypted, const ServerAddress& address) {
+    if (encrypted != Encrypted::IfKnown) return encrypted == Encrypted::Yes;
+    const auto known = KnownServers().find(address.host, address.port);
+    if (!known) return tl::unexpected(known.error());
+    return *known && (*known)->isTls;
 }
 
 /// Removes the spaces that a pasted address may have around it.
@@ -125,17 +143,14 @@ Result<ServerAddress> parseDds(const std::string& text) {
 
 }  // namespace
 
-std::string ServerAddress::hostAndPort() const {
-    const bool isIpv6 = host.find(':') != std::string::npos;
-    return (isIpv6 ? "[" + host + "]" : host) + ":" + std::to_string(port);
-}
+std::string ServerAddress::hostAndPort() const { return serverName(host, port); }
 
 std::string ServerAddress::url() const {
     if (dds) {
         const std::string text = std::string(kDds) + percentEncoded(project);
         return layer.empty() ? text : text + "/" + percentEncoded(layer);
     }
-    std::string text = "ws://" + hostAndPort();
+    std::string text = (isSecure ? "wss://" : "ws://") + hostAndPort();
     if (!project.empty()) text += "/" + percentEncoded(project);
     if (!layer.empty()) text += "/" + percentEncoded(layer);
     return text;
@@ -144,13 +159,14 @@ std::string ServerAddress::url() const {
 Result<ServerAddress> parseServerAddress(const std::string& pasted) {
     const std::string text(trimmed(pasted));
     if (hasScheme(text, kDds)) return parseDds(text);
-    auto rest = withoutScheme(text);
-    if (!rest && text.find("://") == std::string::npos) rest = text;  // HOST:PORT
-    if (!rest) return badAddress(text, "it must begin with ws://, usdlive:// or dds://");
+    const auto unprefixed = withoutScheme(text);
+    if (!unprefixed)
+        return badAddress(text, "it must begin with ws://, wss://, usdlive:// or dds://");
 
-    const auto slash = rest->find('/');
+    const std::string_view rest = unprefixed->rest;
+    const auto slash = rest.find('/');
     // Addresses in OpenUSD have the brackets of IPv6 encoded.
-    const std::string host = percentDecoded(rest->substr(0, slash)).value_or("");
+    const std::string host = percentDecoded(rest.substr(0, slash)).value_or("");
     const auto authority = splitAuthority(host);
     if (!authority || !isHost(authority->host)) return badAddress(text, "the host is invalid");
 
@@ -161,7 +177,10 @@ Result<ServerAddress> parseServerAddress(const std::string& pasted) {
         if (!port) return badAddress(text, "the port must be a number from 1 to 65535");
         address.port = *port;
     }
-    return withPath(std::move(address), *rest, slash, text);
+    const auto encrypted = isEncrypted(unprefixed->encrypted, address);
+    if (!encrypted) return tl::unexpected(encrypted.error());
+    address.isSecure = *encrypted;
+    return withPath(std::move(address), rest, slash, text);
 }
 
 Result<std::unique_ptr<Connection>> createConnection(const ServerAddress& address) try {

@@ -10,7 +10,6 @@
 #include <boost/asio/steady_timer.hpp>
 #include <boost/asio/use_awaitable.hpp>
 #include <boost/beast/core/flat_buffer.hpp>
-#include <boost/beast/core/tcp_stream.hpp>
 #include <boost/beast/websocket.hpp>
 #include <optional>
 #include <thread>
@@ -19,6 +18,8 @@
 #include "transport/RetryDelay.h"
 #include "usdlive/common/core/PercentEncoding.h"
 #include "usdlive/common/core/Thread.h"
+#include "usdlive/common/net/ClientTls.h"
+#include "usdlive/common/net/NetStream.h"
 #include "usdlive/common/protocol/Frame.h"
 #include "usdlive/common/transport/PeerLife.h"
 
@@ -51,27 +52,29 @@ constexpr std::size_t kMaxMessageBytes = kMaxFrameBytes + 8 * 1024 * 1024;
 
 constexpr auto kTuple = asio::as_tuple(asio::use_awaitable);
 
-using Stream = websocket::stream<beast::tcp_stream>;
+using Stream = websocket::stream<NetStream, false>;
 
 // One connection from its handshake to its end. Belongs to the network thread; each coroutine that
 // uses it keeps it alive.
 struct Line {
-    explicit Line(Stream stream) : stream(std::move(stream)), work(this->stream.get_executor()) {
+    explicit Line(asio::io_context& context) : stream(NetStream(context)), work(context) {
         work.expires_at(steady_clock::time_point::max());
     }
     // Ends the connection. Only the first reason is kept.
     void end(Error why) {
         if (!reason) reason = std::move(why);
         wake();
-        beast::get_lowest_layer(stream).close();
+        net().close();
     }
     void wake() { work.cancel(); }
+    NetStream& net() { return stream.next_layer(); }
 
     Stream stream;
     asio::steady_timer
         work;  // never expires; cancelled when there is something to write or room for reading
     PeerLife life{kPeerTime, steady_clock::now()};
     bool isPinging = false, pingsAgain = false;
+    bool isConnecting = true, hasTimedOut = false;
     std::uint64_t generation = 0;
     std::optional<Error> reason;
 };
@@ -142,20 +145,9 @@ private:
             resolver.resolve(address_.host, std::to_string(address_.port), resolveError);
         if (resolveError) co_return describe("no address found for", resolveError);
 
-        auto line = std::make_shared<Line>(Stream(context_));
-        line_ = line;
-        auto& tcp = beast::get_lowest_layer(line->stream);
-        tcp.expires_after(kConnectTimeout);
-        const auto [connectError, endpoint] = co_await tcp.async_connect(endpoints, kTuple);
-        if (connectError) co_return finish(*line, describe("cannot reach", connectError));
-        // Without this, Nagle's algorithm and delayed acknowledgements delay small messages by 40
-        // ms.
-        error_code noDelayError;
-        tcp.socket().set_option(asio::ip::tcp::no_delay(true), noDelayError);
-        if (noDelayError) co_return finish(*line, describe("cannot reach", noDelayError));
-        tcp.expires_never();
-        limitUnsent(tcp.socket().native_handle(), kFragmentBytes);
-
+        auto line = line_ = std::make_shared<Line>(context_);
+        if (auto error = co_await connect(line, endpoints))
+            co_return finish(*line, std::move(*error));
         if (auto error = co_await handshake(*line)) co_return finish(*line, std::move(*error));
         line->generation = mailbox_.opened();
         takeControlFrames(*line);
@@ -163,6 +155,41 @@ private:
         asio::co_spawn(context_, write(line), asio::detached);
         asio::co_spawn(context_, watch(line), asio::detached);
         co_return finish(*line, co_await read(*line));
+    }
+
+    /// Connects, and encrypts the connection if the address demands it.
+    asio::awaitable<std::optional<Error>> connect(std::shared_ptr<Line> line,
+                                                  asio::ip::tcp::resolver::results_type endpoints) {
+        asio::steady_timer limit(context_, kConnectTimeout);
+        limit.async_wait([line](error_code error) {
+            if (error || !line->isConnecting) return;
+            line->hasTimedOut = true;
+            line->net().close();
+        });
+        auto& socket = line->net().socket();
+        auto [error, endpoint] = co_await asio::async_connect(socket, endpoints, kTuple);
+        // Without this, Nagle's algorithm and delayed acknowledgements delay small messages by 40
+        // ms.
+        if (!error) socket.set_option(asio::ip::tcp::no_delay(true), error);
+        if (error) co_return describe("cannot reach", timeoutOr(*line, error));
+        limitUnsent(socket.native_handle(), kFragmentBytes);
+        if (address_.isSecure)
+            if (const auto encrypted = co_await encrypt(*line); !encrypted)
+                co_return encrypted.error();
+        line->isConnecting = false;
+        co_return std::nullopt;
+    }
+
+    asio::awaitable<Result<void>> encrypt(Line& line) {
+        ClientTls tls(KnownServers(), address_.host, address_.port, ClientTls::Trust::FirstUse);
+        if (auto begun = tls.encrypt(line.net()); !begun) co_return begun;
+        const auto [error] = co_await line.net().async_handshake(kTuple);
+        co_return tls.check(timeoutOr(line, error));
+    }
+
+    /// A connection that took too long was closed, which ends the operation with another error.
+    static error_code timeoutOr(const Line& line, const error_code& error) {
+        return line.hasTimedOut ? error_code(asio::error::timed_out) : error;
     }
 
     [[nodiscard]] Error finish(Line& line, Error reason) {
@@ -175,12 +202,14 @@ private:
         auto& stream = line.stream;
         stream.set_option(websocket::stream_base::timeout{kConnectTimeout,
                                                           websocket::stream_base::none(), false});
-        websocket::permessage_deflate none;
-        none.client_enable = none.server_enable = false;
-        stream.set_option(none);
-        stream.set_option(websocket::stream_base::decorator([](websocket::request_type& request) {
-            request.set(http::field::user_agent, "usdlive");
-        }));
+        const auto authorization =
+            KnownServers().authorization(address_.host, address_.port, address_.isSecure);
+        if (!authorization) co_return authorization.error();
+        stream.set_option(websocket::stream_base::decorator(
+            [authorization = *authorization](websocket::request_type& request) {
+                request.set(http::field::user_agent, "usdlive");
+                if (authorization) request.set(http::field::authorization, *authorization);
+            }));
         stream.read_message_max(kMaxMessageBytes);
         stream.write_buffer_bytes(kFragmentBytes);
         stream.auto_fragment(true);
@@ -275,7 +304,7 @@ private:
     }
 
     [[nodiscard]] static std::optional<SendProgress> progressOf(Line& line) {
-        return sendProgress(beast::get_lowest_layer(line.stream).socket().native_handle());
+        return sendProgress(line.net().socket().native_handle());
     }
 
     asio::awaitable<void> watch(std::shared_ptr<Line> line) {

@@ -191,8 +191,7 @@ def _checkpoint_name(comment: str) -> str:
 
 def join(address: LiveAddress, user: str, timeout: float) -> Steps[LiveStage]:
     """Connects to the project. Waiting for the answer needs no stage."""
-    server = address.server.replace("usdlive://", "ws://", 1)
-    live = yield lambda: usdlive.connect(server, user=user, application="usdlive.omni", timeout=timeout)
+    live = yield lambda: usdlive.connect(address.server, user=user, application="usdlive.omni", timeout=timeout)
     return LiveStage(live, owned=True)
 
 

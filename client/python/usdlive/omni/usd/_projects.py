@@ -9,8 +9,8 @@ import urllib.parse
 
 from usdlive import _usdlive
 
-_ADDRESS = re.compile(r"(?P<server>(?:usdlive|ws|dds)://[^/]+)/(?P<layer>.+)")
-_SCHEMES = ("usdlive://", "ws://", "dds://")
+_ADDRESS = re.compile(r"(?P<server>(?:usdlive|wss?|dds)://[^/]+)/(?P<layer>.+)")
+_SCHEMES = ("usdlive://", "ws://", "wss://", "dds://")
 
 _attached: dict[str, str] = {}  # folder -> server
 
