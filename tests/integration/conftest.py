@@ -101,7 +101,8 @@ class Server:
 
     @property
     def url(self) -> str:
-        return f"ws://127.0.0.1:{self.port}"
+        scheme = "wss" if "--tls" in self.options else "ws"
+        return f"{scheme}://127.0.0.1:{self.port}"
 
 
 class Peer:
@@ -163,6 +164,7 @@ def _folders_of_its_own(tmp_path, tmp_path_factory, monkeypatch):
     This process opens its cache only once, so its tests share the cache of the first one that needs it. pytest removes
     tmp_path after a test that passed, but no other folder."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     caches = tmp_path_factory.mktemp("caches")
     monkeypatch.setenv("USDLIVE_CACHE", str(caches / "files"))
     monkeypatch.setenv("USDLIVE_EDF_CACHE", str(caches / "answers"))

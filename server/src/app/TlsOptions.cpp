@@ -12,7 +12,7 @@ namespace {
 
 /// Returns the names and addresses for a certificate of our own.
 std::vector<std::string> certifiedNames(const std::vector<std::string>& hosts) {
-    std::vector<std::string> names{"localhost", "127.0.0.1", "::1"};
+    std::vector<std::string> names{"127.0.0.1", "::1"};
     const auto add = [&names](const std::string& host) {
         if (const auto name = hostOf(host); name && std::ranges::find(names, *name) == names.end())
             names.push_back(*name);
@@ -25,8 +25,9 @@ std::vector<std::string> certifiedNames(const std::vector<std::string>& hosts) {
 }  // namespace
 
 Result<std::unique_ptr<ServerTls>> loadTls(const ServerOptions& options,
-                                           const std::vector<std::string>& hosts) {
+                                           std::vector<std::string> hosts) {
     if (options.tls.empty()) return nullptr;
+    hosts.emplace_back("localhost");  // always allowed (HO1)
     if (options.tls.front() != kOwnCertificate)
         return ServerTls::load({options.tls.front(), options.tls.back()}, hosts);
     const auto& folder =

@@ -15,6 +15,6 @@ namespace usdlive::server {
 /// answers. With `auto`, the first start creates the certificate in `.usdlive/tls` of the served
 /// folder. Error: InvalidConfiguration says what mends it.
 [[nodiscard]] Result<std::unique_ptr<ServerTls>> loadTls(const ServerOptions& options,
-                                                         const std::vector<std::string>& hosts);
+                                                         std::vector<std::string> hosts);
 
 }  // namespace usdlive::server
