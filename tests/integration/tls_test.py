@@ -309,7 +309,7 @@ def test_a_key_with_a_passphrase_is_refused_without_asking_for_it(project, autho
 
 def test_en2_a_handshake_that_does_not_end_is_closed(project, serve):
     server = serve(project, "--tls", "auto", "--guest-seconds", "1")
-    hello = b"\x16\x03\x01\x02\x00\x01"  # of a record that has 512 bytes
+    hello = b"\x16\x03\x01\x02\x00\x01"  # the rest of the record, 511 bytes, is missing
     for sent in (b"", hello[:1], hello):
         with socket.create_connection(("127.0.0.1", server.port), timeout=10) as peer:
             peer.sendall(sent)

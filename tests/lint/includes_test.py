@@ -112,7 +112,7 @@ EDGES = {
         "server/transport",
         "client/transport",
     ],
-    r"openssl/": ["common/core", "common/dds", "common/net", "server/transport", "plugins/resolver"],
+    r"openssl/": ["common/core", "common/dds", "common/net", "server/transport", "plugins/resolver", "tests/unit/common/net"],
     r"prometheus/": ["server/transport", "server/app", "tests/unit/server"],
     r"spdlog/": ["server/transport", "server/app", "server/files", "tests/unit/server"],
     r"CLI/": ["server/app", "client/cli"],

@@ -1,7 +1,13 @@
 // Tests the parsing of server addresses.
 #include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <map>
 
 #include "transport/Connection.h"
+#include "usdlive/common/net/KnownServers.h"
 
 using namespace usdlive;
 using client::parseServerAddress;
@@ -105,4 +111,24 @@ TEST(ServerAddress, ReportsErrors) {
         EXPECT_NE(address.error().message.find("ws://HOST:PORT"), std::string::npos);
         EXPECT_EQ(address.error().message.find('\n'), std::string::npos);
     }
+}
+
+TEST(ServerAddress, EN5ReadsWhetherTheConnectionIsEncrypted) {
+    const auto folder =
+        std::filesystem::temp_directory_path() / ("addresses" + std::to_string(::getpid()));
+    ::setenv("XDG_CONFIG_HOME", folder.c_str(), 1);
+    ASSERT_TRUE(KnownServers().keep("studio", 9000, {"", "", "sha256:00", true}));
+    for (const auto& [text, url] : std::map<std::string, std::string>{
+             {"wss://studio/a.usda", "wss://studio:7447/a.usda"},
+             {"WSS://Other:1", "wss://other:1"},
+             {"ws://studio:9000", "ws://studio:9000"},
+             {"usdlive://studio:9000/a.usda", "wss://studio:9000/a.usda"},
+             {"Studio:9000", "wss://studio:9000"},
+             {"studio:9001", "ws://studio:9001"}}) {
+        const auto address = parseServerAddress(text);
+        ASSERT_TRUE(address) << text;
+        EXPECT_EQ(address->url(), url) << text;
+    }
+    ::unsetenv("XDG_CONFIG_HOME");
+    std::filesystem::remove_all(folder);
 }
