@@ -1,7 +1,7 @@
 // Measures how many edits a second the server can order, store and send to 10 clients.
 //
 //   --durability=sync,os  --fields=1000,100000,1000000  --edits=1  --window=256  --clients=10
-//   --seconds=5
+//   --seconds=5  --transport=websocket,tls
 //   --plain: without compact frames
 //
 // 4 writers write as fast as they are acknowledged, each with `window` unacknowledged transactions.
@@ -23,6 +23,7 @@ int main(int argc, char** argv) {
         if (isJoin(argc, argv)) return runJoin(argv);
         Arguments arguments(argc, argv);
         std::istringstream durabilities(arguments.text("--durability", "sync,os"));
+        const auto transports = arguments.text("--transport", "websocket");
         const auto fields = arguments.numbers("--fields", {1000});
         FanoutConfiguration configuration;
         configuration.clients = arguments.number("--clients", 10);
@@ -34,7 +35,9 @@ int main(int argc, char** argv) {
         while (std::getline(durabilities, configuration.durability, ','))
             for (const int count : fields) {
                 configuration.fields = count;
-                measureFanout("saturate", configuration);
+                std::istringstream each(transports);
+                while (std::getline(each, configuration.transport, ','))
+                    measureFanout("saturate", configuration);
             }
     });
 }

@@ -58,12 +58,15 @@ LoadFigures measureServer(const FanoutConfiguration& configuration, const LoadPl
         options.push_back("--dds");
         options.push_back("--dds-domain=" + std::to_string(settings.domain));
     }
+    LoadPlan load = plan;
+    load.isEncrypted = configuration.transport == "tls";
+    if (load.isEncrypted) options.insert(options.end(), {"--tls", "auto"});
     ServerProcess server(folder, options, cores.server);
     UsdliveDialect dialect(configuration.edits, configuration.fields,
                            configuration.compact && !dds);
     if (dds)
         return runDdsLoad(plan, dialect, settings, folder.filename().string(), server.process());
-    return runLoad(plan, dialect, server.port(), server.process());
+    return runLoad(load, dialect, server.port(), server.process());
 }
 
 /// ddsperf does not always print this figure.

@@ -14,7 +14,7 @@ struct FanoutConfiguration {
     double seconds = 5;
     int flushIntervalMs = 0;
     std::string durability = "sync";
-    std::string transport = "websocket";  ///< or "dds", on loopback
+    std::string transport = "websocket";  ///< or "tls", or "dds", on loopback
     bool compact = true;                  ///< with compact frames (FR9); not over DDS
 };
 /// Measures the real server, then its ceiling, and prints both as one JSON line.

@@ -1,6 +1,8 @@
 // Puts load on a server over WebSockets.
 #include "Load.h"
 
+#include <openssl/ssl.h>
+
 #include <algorithm>
 #include <array>
 #include <boost/asio/io_context.hpp>
@@ -17,6 +19,7 @@
 #include "Broadcaster.h"
 #include "Figures.h"
 #include "Server.h"
+#include "usdlive/common/net/NetStream.h"
 #include "usdlive/common/protocol/Control.h"
 #include "usdlive/common/protocol/Frame.h"
 #include "usdlive/common/protocol/frames_generated.h"
@@ -56,12 +59,21 @@ struct Run {
 class Line {
 public:
     Line(Run& run, int number, std::uint16_t port)
-        : run_(run), number_(number), stream_(run.io), pace_(run.io) {
-        // One connection after the other, blocking: nothing is measured yet.
-        auto& socket = beast::get_lowest_layer(stream_);
-        socket.connect({asio::ip::make_address("127.0.0.1"), port});
-        socket.set_option(tcp::no_delay(true));
-        stream_.handshake("127.0.0.1:" + std::to_string(port), run.dialect.path());
+        : run_(run), number_(number), stream_(NetStream(run.io)), pace_(run.io) {
+        // One connection after the other: nothing is measured yet.
+        NetStream& net = stream_.next_layer();
+        net.socket().connect({asio::ip::make_address("127.0.0.1"), port});
+        net.socket().set_option(tcp::no_delay(true));
+        if (run.plan.isEncrypted) {
+            TlsState tls(SSL_new(createTlsContext().get()));  // accepts any certificate
+            SSL_set_connect_state(tls.get());
+            net.encrypt(std::move(tls));
+            await([&](auto done) { net.async_handshake(std::move(done)); });
+        }
+        await([&](auto done) {
+            stream_.async_handshake("127.0.0.1:" + std::to_string(port), run.dialect.path(),
+                                    std::move(done));
+        });
         stream_.binary(true);
         stream_.auto_fragment(false);
         stream_.read_message_max(0);
@@ -69,7 +81,10 @@ public:
         if (greeting.empty())
             ++run.ready;
         else
-            stream_.write(asio::buffer(greeting));
+            await([&](auto done) {
+                stream_.async_write(asio::buffer(greeting),
+                                    [done](beast::error_code error, std::size_t) { done(error); });
+            });
         read();
     }
 
@@ -84,6 +99,18 @@ public:
     }
 
 private:
+    /// Starts an operation, and runs the connections until it has ended.
+    template <class Start>
+    void await(Start start) {
+        bool isDone = false;
+        start([&isDone](beast::error_code error) {
+            if (error) throw std::runtime_error("cannot connect: " + error.message());
+            isDone = true;
+        });
+        while (!isDone) run_.io.run_one();
+        run_.io.restart();  // it stops when there was nothing else to do
+    }
+
     void pace() {
         pace_.expires_at(next_);
         pace_.async_wait([this](beast::error_code error) {
@@ -152,7 +179,7 @@ private:
 
     Run& run_;
     const int number_;
-    beast::websocket::stream<tcp::socket, false> stream_;
+    beast::websocket::stream<NetStream, false> stream_;
     beast::flat_buffer buffer_;
     std::vector<Dialect::Delivery> deliveries_;
     Bytes waiting_, leaving_;

@@ -82,6 +82,7 @@ struct LoadPlan {
     int window = 0;         ///< instead of a rate: the number of unacknowledged transactions
     double warmUpSeconds = 1;
     double seconds = 5;
+    bool isEncrypted = false;  ///< with TLS
 };
 struct LoadFigures {
     double seconds = 0;

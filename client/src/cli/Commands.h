@@ -86,7 +86,7 @@ Result<void> compact(const CompactOptions& options);
 /// Prints the disk space of the server's store.
 Result<void> stat(const Common& options);
 Result<void> setMuted(const MuteOptions& options, bool muted);
-/// Forgets the certificate and the token of a server.
+/// Forgets the certificate and the token of a server, and says whether there was one.
 Result<void> forget(const ForgetOptions& options);
 /// Replaces this process by `usdlive-server`. Returns only if that fails.
 Error serve(char** arguments);

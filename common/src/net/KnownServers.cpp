@@ -50,7 +50,12 @@ Result<std::string> readFile(const Descriptor& file, const fs::path& path) {
 Result<Json> readServers(const fs::path& path) {
     const Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
     if (!file) {
-        if (errno == ENOENT) return Json{{kServers, Json::object()}};
+        // A process that may not use the folder, such as a service with the variables of another
+        // user, knows no server.
+        const int error = errno;
+        if (error == ENOENT || (error == EACCES && ::access(path.parent_path().c_str(), X_OK) != 0))
+            return Json{{kServers, Json::object()}};
+        errno = error;
         return failed("read", path, systemError());
     }
     struct stat status{};
