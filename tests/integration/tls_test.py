@@ -109,6 +109,7 @@ def test_en4_editors_work_together_and_remember_the_certificate(project, serve, 
     assert ls(f"127.0.0.1:{server.port}").stdout == "root.usda\n"
     assert ls(f"usdlive://127.0.0.1:{server.port}").stdout == "root.usda\n"
     assert (tmp_path / "config" / "usdlive" / "servers.json").stat().st_mode & 0o777 == 0o600
+    assert "cannot create /proc/none/usdlive" in refusal(server.url, XDG_CONFIG_HOME="/proc/none")
     key = project / ".usdlive" / "tls" / "key.pem"
     assert key.stat().st_mode & 0o777 == 0o600
 
@@ -156,6 +157,8 @@ def test_en3_a_certificate_of_an_authority_is_for_its_host(project, serve, autho
     trusting = {"USDLIVE_CA": str(authority.file)}
     assert ls(f"wss://localhost:{server.port}", **trusting).stdout == "root.usda\n"
     assert known() == {f"localhost:{server.port}": {"pin": "authority", "tls": True}}
+    # It is not needed that something can be kept.
+    assert ls(f"wss://localhost:{server.port}", XDG_CONFIG_HOME="/proc/none", **trusting).returncode == 0
     unknown = refusal(f"wss://localhost:{server.port}")
     assert "an authority that is not known here" in unknown and "USDLIVE_CA" in unknown
     assert "is for another host" in refusal(f"wss://127.0.0.1:{server.port}", **trusting)

@@ -25,8 +25,9 @@ def connect(url: str, *, user: str = "", application: str = "python", cache_fold
     """Connects to a server and waits for its answer, at most `timeout` seconds. A server that cannot be reached
     is an error after one second.
 
-    `url`: `ws://host:port`, `usdlive://host:port` or `host:port`, which mean the same (the default port is
-    7447), or `dds://project` for a project served over DDS. `user`: the name shown to others; the default is
+    `url`: `ws://host:port`, or `wss://host:port` for an encrypted connection (the default port is 7447);
+    `usdlive://host:port` or `host:port`, which is encrypted if an earlier connection to this server was; or
+    `dds://project` for a project served over DDS. `user`: the name shown to others; the default is
     the system's user name. `cache_folder`: the folder for layers and big values; the default is a temporary
     folder that is removed with the connection. It keeps `cache_mib` MiB of big values and removes those that
     were used longest ago; values that the server does not have yet are kept in addition. With `addresses`, the

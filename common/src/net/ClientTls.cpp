@@ -165,13 +165,14 @@ Result<void> ClientTls::check(const boost::system::error_code& error) {
                         (isPlain ? "the server does not speak TLS. Connect to ws://" + name_
                                  : error.message()));
     }
-    // A server that is known already and now has an authority's signature keeps its entry
-    // otherwise.
     if (found_ == pin_) return {};
-    return known_.update(host_, port_, [this](KnownServer& server) {
+    auto kept = known_.update(host_, port_, [this](KnownServer& server) {
         server.pin = found_;
         server.isTls = true;
     });
+    // Without the entry, the next connection trusts the authority again.
+    if (!kept && found_ == kSignedByAuthority) return {};
+    return kept;
 }
 
 }  // namespace usdlive

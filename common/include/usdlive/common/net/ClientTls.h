@@ -15,12 +15,9 @@ struct x509_store_ctx_st;
 
 namespace usdlive {
 
-/// Checks the certificate of one server during one handshake:
-///
-///     ClientTls tls(known, host, port, ClientTls::Trust::FirstUse);
-///     if (auto begun = tls.encrypt(stream); !begun) ...
-///     auto [error] = co_await stream.async_handshake(as_tuple(use_awaitable));
-///     if (auto checked = tls.check(error); !checked) ...
+/// Checks the certificate of one server during one handshake: call encrypt() with the connected
+/// stream, run its async_handshake(), and pass the error to check(). Send nothing before check()
+/// has succeeded.
 ///
 /// A certificate is accepted if it is valid now and
 /// - an authority of the system, or of `authorities`, has signed it for the host, or
@@ -48,7 +45,8 @@ public:
     /// InvalidConfiguration names a file that cannot be used.
     [[nodiscard]] Result<void> encrypt(NetStream& stream);
     /// Returns the result of the handshake, which ended with `error`. Errors: NotConnected names
-    /// the reason and what to do next; InvalidConfiguration if the fingerprint cannot be kept.
+    /// the reason and what to do next; InvalidConfiguration if the fingerprint of a self-signed
+    /// certificate cannot be kept.
     [[nodiscard]] Result<void> check(const boost::system::error_code& error);
 
 private:
