@@ -114,6 +114,23 @@ def test_en4_editors_work_together_and_remember_the_certificate(project, serve, 
     assert key.stat().st_mode & 0o777 == 0o600
 
 
+@pytest.mark.parametrize("way", ["option", "config"])
+def test_the_server_names_its_address_and_fingerprint(project, tmp_path, way):
+    port, config = unused_port(), tmp_path / "config.json"
+    config.write_text('{"tls": "auto"}')
+    options = ["--tls", "auto"] if way == "option" else ["--config", str(config)]
+    with subprocess.Popen([os.environ["USDLIVE_BIN"], "serve", *options, str(project), "--port", str(port)],
+                          stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as server:
+        try:
+            first, second = server.stdout.readline(), server.stdout.readline()
+            certificate = ssl.get_server_certificate(("127.0.0.1", port))
+            assert f" at wss://127.0.0.1:{port}\n" in first
+            assert second == f"fingerprint {fingerprint(certificate)}\n"
+            assert f"is already served at wss://127.0.0.1:{port}" in start_error(project)
+        finally:
+            server.terminate()
+
+
 def test_en4_a_changed_certificate_is_refused_until_it_is_forgotten(project, serve):
     server = serve(project, "--tls", "auto")
     assert ls(server.url).returncode == 0
@@ -157,6 +174,9 @@ def test_en3_a_certificate_of_an_authority_is_for_its_host(project, serve, autho
     trusting = {"USDLIVE_CA": str(authority.file)}
     assert ls(f"wss://localhost:{server.port}", **trusting).stdout == "root.usda\n"
     assert known() == {f"localhost:{server.port}": {"pin": "authority", "tls": True}}
+    by_option = subprocess.run([os.environ["USDLIVE_BIN"], "ls", f"wss://localhost:{server.port}", "--ca", authority.file],
+                               capture_output=True, text=True, timeout=60)
+    assert by_option.stdout == "root.usda\n", by_option.stderr
     # It is not needed that something can be kept.
     assert ls(f"wss://localhost:{server.port}", XDG_CONFIG_HOME="/proc/none", **trusting).returncode == 0
     unknown = refusal(f"wss://localhost:{server.port}")
@@ -188,6 +208,13 @@ def test_en3_an_expired_certificate_is_refused(project, authority, monkeypatch):
         with pytest.raises(ssl.SSLError):
             context.wrap_socket(listener.accept()[0], server_side=True).recv(1)
         assert "has expired" in listening.communicate(timeout=20)[1]
+
+
+def test_a_server_that_does_not_answer_the_handshake_is_given_up():
+    with socket.create_server(("127.0.0.1", unused_port())) as listener:
+        silent = f"wss://127.0.0.1:{listener.getsockname()[1]}"
+        ran = subprocess.run([os.environ["USDLIVE_BIN"], "who", silent], capture_output=True, text=True, timeout=60)
+    assert "cannot encrypt the connection" in ran.stderr and "timed out" in ran.stderr
 
 
 def test_en6_sighup_replaces_the_certificate_under_running_sessions(project, serve, editor, authority, monkeypatch):

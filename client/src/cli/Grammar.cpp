@@ -2,6 +2,7 @@
 #include "cli/Grammar.h"
 
 #include <algorithm>
+#include <cstdlib>
 #include <filesystem>
 
 #include "cli/Commands.h"
@@ -102,6 +103,11 @@ private:
         verb->footer(std::string("\n") + kUrl);
         auto words = std::make_shared<Words>();
         verb->add_option("WORDS", *words)->type_name("");
+        verb->add_option_function<std::string>(
+                "--ca", [](const std::string& file) { ::setenv("USDLIVE_CA", file.c_str(), 1); },
+                "Also trust servers that an authority in this file has certified;\n"
+                "default: USDLIVE_CA")
+            ->type_name("FILE");
         verb->callback([&chosen = chosen_, options, words, read, run] {
             read(*words, *options);
             chosen = [options, run] { return run(*options); };
