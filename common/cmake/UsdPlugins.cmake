@@ -12,7 +12,8 @@ if(NOT TARGET plugins)
 endif()
 
 # usdlive_usd_plugin(name SOURCES file... [LINK library...]): builds a plug-in with a library, from sources and
-# the plugInfo.json of the current folder. The library needs no other of ours and exports no symbols.
+# the plugInfo.json of the current folder. Libraries of ours are linked
+# statically, and the plug-in exports no symbols of its sources or of these.
 function(usdlive_usd_plugin name)
     cmake_parse_arguments(ARG "" "" "SOURCES;LINK" ${ARGN})
     add_library(${name} MODULE ${ARG_SOURCES})
@@ -20,6 +21,8 @@ function(usdlive_usd_plugin name)
     # usd-core has Python: without this, values would have no conversion to it.
     target_compile_definitions(${name} PRIVATE PXR_PYTHON_SUPPORT_ENABLED MFB_PACKAGE_NAME=${name} MFB_ALT_PACKAGE_NAME=${name})
     target_link_libraries(${name} PRIVATE usdlive::openusd ${ARG_LINK})
+    # Also those of static libraries: the program may have another version of them.
+    target_link_options(${name} PRIVATE LINKER:--exclude-libs,ALL)
     set_target_properties(${name} PROPERTIES
         PREFIX "" CXX_VISIBILITY_PRESET hidden VISIBILITY_INLINES_HIDDEN ON
         LIBRARY_OUTPUT_DIRECTORY ${USDLIVE_PLUGINS}/${name})

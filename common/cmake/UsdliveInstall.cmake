@@ -64,8 +64,8 @@ function(usdlive_install_package)
             COMPONENT plugins)
     endif()
 
-    foreach(library common common_dds common_net common_usd client_session client_transport client_work
-            client)
+    foreach(library common common_dds common_fetch common_net common_usd client_session client_transport
+            client_work client)
         set_target_properties(usdlive_${library} PROPERTIES EXPORT_NAME ${library})
         install(TARGETS usdlive_${library} EXPORT usdliveTargets
             ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})

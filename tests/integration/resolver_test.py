@@ -252,7 +252,7 @@ print(json.dumps(said))
 """
     addresses = [address(server, "none.usda"), address(server, "../up.usda"), "usdlive://localhost:1/shot.usda",
                  "usdlive://example.com/shot.usda", "usdlive://localhost:x/shot.usda"]
-    causes = ["Failed to open layer", "leads out", "connection refused", "not allowed", "its port is not a number"]
+    causes = ["Failed to open layer", "leads out", "Connection refused. Is `usdlive serve`", "not allowed", "its port is not a number"]
     for text, cause, said in zip(addresses, causes, plain(code, *addresses).value(), strict=True):
         assert cause in said and text.split("/")[-1] in said, said
 
@@ -305,7 +305,7 @@ print(json.dumps([prim.GetAttribute("radius").Get(), prim.GetAttribute("tex").Ge
 """, tmp_path / "root.usda")
     radius, resolved, errors = process.value(30)
     assert (radius, resolved) == (1.0, "")
-    assert len(errors) == 1 and "connection refused" in errors[0] and "</A>" in errors[0]
+    assert len(errors) == 1 and "Connection refused" in errors[0] and "</A>" in errors[0]
 
 
 def test_two_processes_fill_one_cache_while_one_is_killed(serve, plain, tmp_path, cache):

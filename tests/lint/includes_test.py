@@ -25,6 +25,7 @@ ALLOWED = {
     "common/transport": COMMON_PLAIN,
     "common/dds": COMMON_PLAIN,
     "common/net": ["common/core"],
+    "common/fetch": ["common/core", "common/net"],
     "common/usd": ["common/"],
     "server/project": COMMON_PLAIN,
     "server/storage": [*COMMON_PLAIN, "server/project"],
@@ -32,7 +33,7 @@ ALLOWED = {
     "server/files": ["common/", "server/project"],
     "server/app": ["common/", "server/project", *SERVER_EDGES],
     "client/session": COMMON_PLAIN,
-    "client/transport": [*COMMON_PLAIN, "common/transport", "common/dds", "common/net", "client/session"],
+    "client/transport": [*COMMON_PLAIN, "common/transport", "common/dds", "common/net", "common/fetch", "client/session"],
     "client/basics": COMMON_PLAIN,
     "client/values": [*COMMON_PLAIN, "client/session", "client/basics"],
     "client/link": [*COMMON_PLAIN, *CLIENT_PLAIN[:3]],
@@ -56,9 +57,11 @@ ALLOWED = {
     "client/cli": ["common/", "client/"],
     "client/python": ["common/", "client/"],
     "client/examples": ["common/", "client/"],
-    "plugins/obj": [],  # loaded into programs that have nothing of usdlive
+    # Loaded into programs that have nothing of usdlive.
+    "plugins/obj": [],
+    "plugins/edf/museum": ["common/core", "common/fetch"],
     "plugins/edf": [],
-    "plugins/resolver": ["common/core"],  # its parts without OpenUSD
+    "plugins/resolver": ["common/core", "common/fetch"],
     "plugins/schemaTools": ["common/", "client/", "plugins/"],
 }
 
@@ -94,8 +97,7 @@ EDGES = {
         "server/app",
         "client/transport",
         "client/cli",
-        "plugins/edf",
-        "plugins/resolver",
+        "common/fetch",
         "tests/conformance",
         "tests/unit/common/net",
         "tests/unit/server/transport",
@@ -112,8 +114,7 @@ EDGES = {
         "server/transport",
         "client/transport",
     ],
-    r"openssl/": ["common/core", "common/dds", "common/net", "server/transport", "plugins/resolver", "tests/unit/common/net",
-                   "bench"],
+    r"openssl/": ["common/core", "common/dds", "common/net", "server/transport", "tests/unit/common/net", "bench"],
     r"prometheus/": ["server/transport", "server/app", "tests/unit/server"],
     r"spdlog/": ["server/transport", "server/app", "server/files", "tests/unit/server"],
     r"CLI/": ["server/app", "client/cli"],

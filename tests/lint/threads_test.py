@@ -9,9 +9,8 @@ FOLDERS = ["common", "server", "client", "plugins"]
 # Starts a thread: std::thread(...), std::jthread(...), a pool, a resolver of Asio, std::async. With `deferred`,
 # std::async() does the work later on the caller's thread if the system refuses one.
 STARTS = re.compile(r"std::j?thread\s*[({]|\bthread_pool\b|\basync_resolve\b|std::async\(std::launch::async,|pthread_create")
-# GuardedCall returns the refusal as the reason of the call; the fetcher's exceptions are caught by its GuardedCall.
-ALLOWED = {"common/include/usdlive/common/core/Thread.h", "plugins/edf/format/GuardedCall.cpp",
-           "plugins/edf/museum/Fetcher.cpp"}
+# GuardedCall returns the refusal as the reason of the call.
+ALLOWED = {"common/include/usdlive/common/core/Thread.h", "plugins/edf/format/GuardedCall.cpp"}
 
 
 def test_threads_start_in_one_place():

@@ -15,6 +15,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 TARGETS = [
     ["common/src/core", "common/src/layer", "common/src/protocol"],
     ["common/src/dds"],
+    ["common/src/fetch"],
     ["common/src/usd"],
     ["client/src/session"],
     ["client/src/transport"],

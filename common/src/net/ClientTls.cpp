@@ -65,9 +65,11 @@ ClientTls::ClientTls(KnownServers known, std::string host, std::uint16_t port, T
       authorities_(std::move(authorities)) {}
 
 Result<void> ClientTls::encrypt(NetStream& stream) {
-    const auto known = known_.find(host_, port_);
-    if (!known) return tl::unexpected(known.error());
-    if (*known) pin_ = (*known)->pin;
+    if (trust_ != Trust::Authorities) {
+        const auto known = known_.find(host_, port_);
+        if (!known) return tl::unexpected(known.error());
+        if (*known) pin_ = (*known)->pin;
+    }
 
     const TlsContext context = createTlsContext();
     SSL_CTX_set_default_verify_paths(context.get());
@@ -104,7 +106,7 @@ bool ClientTls::accepts(x509_store_ctx_st* chain) {
         return true;
     }
     const int problem = X509_STORE_CTX_get_error(chain);
-    if (!certificate || !isSelfSigned(problem)) {
+    if (!certificate || !isSelfSigned(problem) || trust_ == Trust::Authorities) {
         refusal_ = refusalOf(problem, X509_verify_cert_error_string(problem));
         return false;
     }
@@ -142,6 +144,9 @@ std::string ClientTls::refusalOf(int problem, const std::string& text) const {
                    " is for another host. Connect with a name that it has, or make "
                    "one for " +
                    host_;
+        case X509_V_ERR_DEPTH_ZERO_SELF_SIGNED_CERT:
+            return certificate +
+                   " is self-signed. Set USDLIVE_CA to a file with this certificate to trust it";
         case X509_V_ERR_SELF_SIGNED_CERT_IN_CHAIN:
         case X509_V_ERR_UNABLE_TO_GET_ISSUER_CERT:
         case X509_V_ERR_UNABLE_TO_GET_ISSUER_CERT_LOCALLY:
@@ -160,12 +165,12 @@ Result<void> ClientTls::check(const boost::system::error_code& error) {
         // A plain server answers the hello with a text.
         const bool isPlain = error.category() == boost::asio::error::get_ssl_category() &&
                              ERR_GET_REASON(unsigned(error.value())) == SSL_R_WRONG_VERSION_NUMBER;
+        const std::string advice = trust_ == Trust::Authorities ? "" : ". Connect to ws://" + name_;
         return fail(ErrorCode::NotConnected,
                     "cannot encrypt the connection to " + name_ + ": " +
-                        (isPlain ? "the server does not speak TLS. Connect to ws://" + name_
-                                 : error.message()));
+                        (isPlain ? "the server does not speak TLS" + advice : error.message()));
     }
-    if (found_ == pin_) return {};
+    if (found_ == pin_ || trust_ == Trust::Authorities) return {};
     auto kept = known_.update(host_, port_, [this](KnownServer& server) {
         server.pin = found_;
         server.isTls = true;

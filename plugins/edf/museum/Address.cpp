@@ -9,7 +9,7 @@ namespace usdlive::edf::museum {
 namespace {
 
 constexpr std::string_view kPlain = "http://", kSecure = "https://";
-constexpr const char *kPlainPort = "80", *kSecurePort = "443";
+constexpr std::uint16_t kPlainPort = 80, kSecurePort = 443;
 constexpr std::string_view kVariable = "USDLIVE_EDF_MUSEUM_URL",
                            kAllowedVariable = "USDLIVE_EDF_ALLOWED_HOSTS";
 
@@ -33,35 +33,25 @@ bool isHost(std::string_view host) {
     return !host.empty() && std::ranges::all_of(host, isOf(".-_"));
 }
 
-bool isPort(std::string_view port) {
-    unsigned number = 0;
+/// Returns 0 for a text that is no port.
+std::uint16_t portOf(std::string_view port) {
+    std::uint16_t number = 0;
     const auto [end, error] = std::from_chars(port.data(), port.data() + port.size(), number);
-    return error == std::errc() && end == port.data() + port.size() && number > 0 && number < 65536;
+    return error == std::errc() && end == port.data() + port.size() ? number : 0;
 }
 
 bool isPathChar(char c) { return c > ' ' && c < 0x7f && c != '?' && c != '#' && c != '@'; }
 
 }  // namespace
 
-std::string Address::hostAndPort() const {
-    return port == (isSecure ? kSecurePort : kPlainPort) ? host : host + ":" + port;
-}
-
-std::string Address::bareHost() const {
-    return host.starts_with('[') ? host.substr(1, host.size() - 2) : host;
-}
-
-std::string Address::text() const {
-    return std::string(isSecure ? kSecure : kPlain) + hostAndPort() + path;
-}
-
 tl::expected<Address, std::string> readAddress(std::string_view text) {
     const auto wrong = [&](const std::string& why) {
         return tl::unexpected("the address '" + std::string(text.substr(0, 200)) + "' " + why);
     };
     Address address;
-    address.isSecure = lower(text.substr(0, kSecure.size())) == kSecure;
-    const std::string_view scheme = address.isSecure ? kSecure : kPlain;
+    auto& origin = address.origin;
+    origin.isSecure = lower(text.substr(0, kSecure.size())) == kSecure;
+    const std::string_view scheme = origin.isSecure ? kSecure : kPlain;
     if (lower(text.substr(0, scheme.size())) != scheme)
         return wrong("does not begin with http:// or https://");
     const std::string_view rest = text.substr(scheme.size());
@@ -71,12 +61,13 @@ tl::expected<Address, std::string> readAddress(std::string_view text) {
     while (address.path.ends_with('/')) address.path.pop_back();
     const auto colon =
         place.find(':', place.starts_with('[') ? std::min(place.find(']'), place.size()) : 0);
-    address.host = place.substr(0, colon);
-    address.port = colon != std::string::npos ? place.substr(colon + 1)
-                   : address.isSecure         ? kSecurePort
-                                              : kPlainPort;
-    if (!isHost(address.host)) return wrong("has no host");
-    if (!isPort(address.port)) return wrong("has a port that is no number from 1 to 65535");
+    origin.host = place.substr(0, colon);
+    origin.port = colon != std::string::npos ? portOf(std::string_view(place).substr(colon + 1))
+                  : origin.isSecure          ? kSecurePort
+                                             : kPlainPort;
+    if (!isHost(origin.host)) return wrong("has no host");
+    if (origin.port == 0) return wrong("has a port that is no number from 1 to 65535");
+    if (origin.host.starts_with('[')) origin.host = origin.host.substr(1, origin.host.size() - 2);
     if (!std::ranges::all_of(address.path, isPathChar))
         return wrong("has a path with characters that are not allowed");
     return address;
@@ -87,7 +78,9 @@ bool isAllowed(const Address& address, std::string_view list) {
         const auto comma = std::min(list.find(','), list.size());
         std::string one = lower(list.substr(0, comma));
         std::erase(one, ' ');
-        if (!one.empty() && (one == address.host || one == address.host + ":" + address.port))
+        const std::string host = address.origin.hostInUrl();
+        if (!one.empty() &&
+            (one == host || one == host + ":" + std::to_string(address.origin.port)))
             return true;
         list.remove_prefix(std::min(comma + 1, list.size()));
     }
@@ -106,9 +99,9 @@ tl::expected<Address, std::string> chooseAddress(const std::string& ofScene, con
     const auto ownAddress = own.empty() ? tl::unexpected(std::string()) : readAddress(own);
     const bool isOwn = ownAddress && ownAddress->text() == address->text();
     if (isOwn || isAllowed(*address, allowed)) return address;
-    return tl::unexpected("the host of baseAddress, " + address->hostAndPort() +
+    return tl::unexpected("the host of baseAddress, " + address->origin.hostAndPort() +
                           ", is not allowed. Allow it with " + std::string(kAllowedVariable) + "=" +
-                          address->host);
+                          address->origin.hostInUrl());
 }
 
 }  // namespace usdlive::edf::museum

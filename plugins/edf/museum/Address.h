@@ -5,20 +5,17 @@
 #include <string_view>
 #include <tl/expected.hpp>
 
+#include "usdlive/common/fetch/Origin.h"
+
 namespace usdlive::edf::museum {
 
 /// The base of a service: http[s]://host[:port][/path].
 struct Address {
-    bool isSecure = false;  ///< https
-    std::string host, port;
+    fetch::Origin origin;
     std::string path;  ///< without a slash at its end
 
     /// The name of the service in messages and in the cache.
-    [[nodiscard]] std::string text() const;
-    /// The value of the Host header.
-    [[nodiscard]] std::string hostAndPort() const;
-    /// The host, without the brackets of an IPv6 address.
-    [[nodiscard]] std::string bareHost() const;
+    [[nodiscard]] std::string text() const { return origin.url() + path; }
 };
 
 /// Reads an address; the error names what is wrong. User names, queries and fragments are refused.

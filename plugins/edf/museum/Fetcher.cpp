@@ -1,40 +1,26 @@
-// Gets answers over HTTP or HTTPS with several connections on one thread.
+// Gets answers with several connections.
 #include "Fetcher.h"
 
 #include <algorithm>
-#include <boost/asio/as_tuple.hpp>
-#include <boost/asio/awaitable.hpp>
-#include <boost/asio/co_spawn.hpp>
-#include <boost/asio/detached.hpp>
-#include <boost/asio/io_context.hpp>
-#include <boost/asio/ip/tcp.hpp>
-#include <boost/asio/ssl.hpp>
-#include <boost/asio/steady_timer.hpp>
-#include <boost/asio/use_awaitable.hpp>
-#include <boost/beast/core/flat_buffer.hpp>
-#include <boost/beast/core/tcp_stream.hpp>
-#include <boost/beast/http.hpp>
 #include <charconv>
 #include <ctime>
-#include <memory>
+#include <exception>
+#include <mutex>
 #include <optional>
 #include <string_view>
+#include <thread>
 #include <utility>
-#include <variant>
+
+#include "usdlive/common/core/Thread.h"
+#include "usdlive/common/fetch/Http.h"
 
 namespace usdlive::edf::museum {
 
 namespace {
 
-namespace asio = boost::asio;
-namespace beast = boost::beast;
-namespace http = boost::beast::http;
-namespace ssl = boost::asio::ssl;
-using boost::system::error_code;
+using fetch::failed;
 
-constexpr auto kTuple = asio::as_tuple(asio::use_awaitable);
-constexpr auto kCancelInterval = std::chrono::milliseconds(50);
-constexpr std::uint32_t kMaxHeaderBytes = 16 * 1024;
+constexpr unsigned kOk = 200, kNotModified = 304;
 // A service may say "never ask again"; we ask again after a day.
 constexpr std::int64_t kMaxFreshSeconds = 24 * 3600;
 
@@ -52,20 +38,7 @@ std::int64_t freshSeconds(std::string_view cacheControl) {
     return std::clamp<std::int64_t>(seconds, 0, kMaxFreshSeconds);
 }
 
-struct Response {
-    http::response<http::string_body> message;
-    bool isKept = false;  // the connection stays open
-};
-
-// Why a request has no answer. A connection that was kept may have been closed meanwhile, which is
-// no fault.
-struct Failure {
-    std::string text;
-    bool isUnreachable = false;
-    bool wasClosed = false;
-};
-
-// All requests of one Fetcher::get(), on one thread.
+// All requests of one Fetcher::get().
 class Download {
 public:
     Download(const Address& address, const FetchLimits& limits, DiskCache* cache,
@@ -75,97 +48,101 @@ public:
           cache_(cache),
           targets_(targets),
           isCancelled_(isCancelled) {
-        result_.answers.assign(targets.size(), tl::unexpected(std::string("not requested")));
-        if (!address.isSecure) return;
-        error_code ignored;  // without authorities, no certificate is trusted
-        tls_.set_default_verify_paths(ignored);
-        tls_.set_verify_mode(ssl::verify_peer);
+        result_.answers.assign(targets.size(), failed("not requested"));
     }
 
     Fetcher::Result run() {
         const auto lines = std::min<std::size_t>(std::max(limits_.parallel, 1), targets_.size());
-        for (std::size_t i = 0; i < lines; ++i) {
-            ++running_;
-            asio::co_spawn(context_, work(), asio::detached);
+        std::vector<std::thread> others;
+        others.reserve(lines);
+        try {
+            while (others.size() + 1 < lines)
+                others.push_back(startThread("usdlive museum", [this] { work(); }));
+        } catch (const ThreadRefused&) {
+            // Fewer connections do the same.
         }
-        if (lines > 0) asio::co_spawn(context_, watch(), asio::detached);
-        context_.run();
+        work();
+        for (std::thread& other : others) other.join();
+        if (fault_) std::rethrow_exception(fault_);
         return std::move(result_);
     }
 
 private:
-    using Plain = beast::tcp_stream;
-    using Secure = ssl::stream<beast::tcp_stream>;
-    using Stream = std::optional<std::variant<Plain, Secure>>;
-
     // Takes the next targets one after the other, over one connection.
-    asio::awaitable<void> work() {
-        Stream stream;
-        while (next_ < targets_.size()) {
-            const std::size_t index = next_++;
-            if (bytes_ > limits_.totalBytes) {
-                result_.answers[index] =
-                    tl::unexpected(std::string("not requested, because the others are too large"));
-                continue;
-            }
-            result_.answers[index] = co_await answer(stream, targets_[index]);
-            if (result_.answers[index]) bytes_ += result_.answers[index]->size();
+    void work() try {
+        fetch::HttpLimits limits;
+        limits.answer = limits.stall = limits_.request;
+        limits.whole = limits_.request;
+        limits.bodyBytes = limits_.bodyBytes;
+        fetch::HttpClient connection(limits, isCancelled_);
+        while (const auto index = next()) {
+            Body fetched = answer(connection, targets_[*index]);
+            const std::lock_guard lock(mutex_);
+            if (fetched) bytes_ += fetched->size();
+            result_.answers[*index] = std::move(fetched);
         }
-        if (--running_ == 0) pause_.cancel();
+    } catch (...) {
+        const std::lock_guard lock(mutex_);
+        fault_ = std::current_exception();
     }
 
-    // Ends everything when nobody waits for it any more.
-    asio::awaitable<void> watch() {
-        while (running_ > 0) {
-            if (isCancelled_()) {
-                context_.stop();
-                co_return;
-            }
-            pause_.expires_after(kCancelInterval);
-            co_await pause_.async_wait(kTuple);
-        }
+    // Returns nothing at the end, and when nobody waits for the rest.
+    std::optional<std::size_t> next() {
+        if (isCancelled_()) return std::nullopt;
+        const std::lock_guard lock(mutex_);
+        if (next_ < targets_.size() && bytes_ <= limits_.totalBytes) return next_++;
+        for (; next_ < targets_.size(); ++next_)
+            result_.answers[next_] = failed("not requested, because the others are too large");
+        return std::nullopt;
     }
 
-    asio::awaitable<Fetched> answer(Stream& stream, const std::string& target) {
+    Body answer(fetch::HttpClient& connection, const std::string& target) {
         const std::string url = address_.text() + target;
         const auto cached = cache_ ? cache_->find(url) : std::nullopt;
-        if (cached && cached->freshUntil > now()) co_return cached->body;
-        if (failures_ >= limits_.failures) {
-            if (cached) co_return stale(*cached);
-            co_return tl::unexpected(url + ": not requested, because " + lastFailure_);
+        if (cached && cached->freshUntil > now()) return cached->body;
+        if (const auto why = whyDown()) {
+            if (cached) return stale(*cached);
+            return failed(url + ": not requested, because " + *why);
         }
-        auto response = co_await request(stream, target, cached);
-        // The service may have closed a kept connection. Then the request goes over a new one.
-        if (!response && response.error().wasClosed)
-            response = co_await request(stream, target, cached);
-        if (!response) {
-            failures_ = response.error().isUnreachable ? failures_ + 1 : 0;
-            lastFailure_ = response.error().text;
-            if (cached && response.error().isUnreachable) co_return stale(*cached);
-            co_return tl::unexpected(url + ": " + response.error().text);
-        }
-        failures_ = 0;
-        co_return keep(url, cached, *response);
+        auto answer = connection.get(requestFor(target, cached));
+        noteReached(answer);
+        if (answer) return keep(url, cached, std::move(*answer));
+        if (cached && answer.error().isUnreachable) return stale(*cached);
+        return failed(url + ": " + answer.error().cause);
+    }
+
+    // Returns the last failure if the service does not answer any more.
+    std::optional<std::string> whyDown() {
+        const std::lock_guard lock(mutex_);
+        if (failures_ < limits_.failures) return std::nullopt;
+        return lastFailure_;
+    }
+
+    void noteReached(const fetch::Fetched<fetch::HttpAnswer>& answer) {
+        const std::lock_guard lock(mutex_);
+        const bool isReached = answer || !answer.error().isUnreachable;
+        failures_ = isReached ? 0 : failures_ + 1;
+        if (!answer) lastFailure_ = answer.error().cause;
     }
 
     std::string stale(const CachedAnswer& cached) {
+        const std::lock_guard lock(mutex_);
         ++result_.stale;
         return cached.body;
     }
 
     // Stores a new answer, or confirms that of the cache.
-    Fetched keep(const std::string& url, const std::optional<CachedAnswer>& cached,
-                 Response& response) {
-        auto& message = response.message;
-        const std::string_view control = message[http::field::cache_control];
+    Body keep(const std::string& url, const std::optional<CachedAnswer>& cached,
+              fetch::HttpAnswer message) {
         CachedAnswer answer;
-        if (message.result() == http::status::not_modified && cached)
+        if (message.status == kNotModified && cached)
             answer = *cached;
-        else if (message.result() != http::status::ok)
-            return tl::unexpected(url + ": HTTP " + std::to_string(message.result_int()));
+        else if (message.status != kOk)
+            return failed(url + ": HTTP " + std::to_string(message.status));
         else
-            answer = {message[http::field::etag], message[http::field::last_modified], 0,
-                      std::move(message.body())};
+            answer = {std::string(message.header("ETag")),
+                      std::string(message.header("Last-Modified")), 0, std::move(message.body)};
+        const std::string_view control = message.header("Cache-Control");
         answer.freshUntil = now() + freshSeconds(control);
         if (cache_ && control.find("no-store") != std::string_view::npos)
             cache_->remove(url);
@@ -174,111 +151,15 @@ private:
         return std::move(answer.body);
     }
 
-    asio::awaitable<std::optional<Failure>> connect(Stream& stream) {
-        asio::ip::tcp::resolver resolver(context_);
-        const auto [lookupError, endpoints] =
-            co_await resolver.async_resolve(address_.bareHost(), address_.port, kTuple);
-        if (lookupError)
-            co_return Failure{"no address was found for the host: " + lookupError.message(), true,
-                              false};
-        if (address_.isSecure)
-            stream.emplace(std::in_place_type<Secure>, context_, tls_);
-        else
-            stream.emplace(std::in_place_type<Plain>, context_);
-        beast::tcp_stream& tcp = tcpOf(*stream);
-        tcp.expires_after(limits_.connect);
-        const auto [error, endpoint] = co_await tcp.async_connect(endpoints, kTuple);
-        std::string why = error ? "cannot connect: " + error.message() : "";
-        if (auto* const secure = std::get_if<Secure>(&*stream); secure && !error)
-            why = co_await handshake(*secure);
-        if (why.empty()) co_return std::nullopt;
-        stream.reset();
-        co_return Failure{std::move(why), true, false};
-    }
-
-    static beast::tcp_stream& tcpOf(std::variant<Plain, Secure>& stream) {
-        if (auto* const secure = std::get_if<Secure>(&stream)) return secure->next_layer();
-        return std::get<Plain>(stream);
-    }
-
-    /// Returns why there is no secure connection; an empty text if there is one.
-    asio::awaitable<std::string> handshake(Secure& stream) const {
-        const std::string host = address_.bareHost();
-        error_code isName;
-        asio::ip::make_address(host, isName);
-        SSL* const session = stream.native_handle();
-        if (isName) {
-            SSL_set1_host(session, host.c_str());
-            SSL_set_tlsext_host_name(session, host.c_str());  // RFC 6066: not for addresses
-        } else {
-            X509_VERIFY_PARAM_set1_ip_asc(SSL_get0_param(session), host.c_str());
-        }
-        const auto [error] = co_await stream.async_handshake(ssl::stream_base::client, kTuple);
-        if (!error) co_return "";
-        const long verified = SSL_get_verify_result(session);
-        if (verified == X509_V_OK) co_return "no secure connection: " + error.message();
-        co_return std::string("the certificate of the service is not trusted: ") +
-            X509_verify_cert_error_string(verified) +
-            ". SSL_CERT_FILE can name a file with certificates to trust";
-    }
-
-    http::request<http::empty_body> requestFor(const std::string& target,
-                                               const std::optional<CachedAnswer>& cached) const {
-        http::request<http::empty_body> request(http::verb::get, address_.path + target, 11);
-        request.set(http::field::host, address_.hostAndPort());
-        request.set(http::field::user_agent, "usdlive-edf");
-        request.set(http::field::accept, "application/json");
-        if (cached && !cached->etag.empty()) request.set(http::field::if_none_match, cached->etag);
+    fetch::HttpRequest requestFor(const std::string& target,
+                                  const std::optional<CachedAnswer>& cached) const {
+        fetch::HttpRequest request{address_.origin, address_.path + target};
+        request.headers.emplace_back("Accept", "application/json");
+        if (cached && !cached->etag.empty())
+            request.headers.emplace_back("If-None-Match", cached->etag);
         if (cached && !cached->lastModified.empty())
-            request.set(http::field::if_modified_since, cached->lastModified);
+            request.headers.emplace_back("If-Modified-Since", cached->lastModified);
         return request;
-    }
-
-    asio::awaitable<tl::expected<Response, Failure>> request(
-        Stream& stream, const std::string& target, const std::optional<CachedAnswer>& cached) {
-        const bool wasKept = stream.has_value();
-        if (!wasKept)
-            if (auto failure = co_await connect(stream))
-                co_return tl::unexpected(std::move(*failure));
-        tcpOf(*stream).expires_after(limits_.request);
-        http::response_parser<http::string_body> parser;
-        parser.header_limit(kMaxHeaderBytes);
-        parser.body_limit(limits_.bodyBytes);
-        const auto message = requestFor(target, cached);
-        auto* const secure = std::get_if<Secure>(&*stream);
-        const auto error = secure ? co_await exchange(*secure, message, parser)
-                                  : co_await exchange(std::get<Plain>(*stream), message, parser);
-        if (error) co_return failed(stream, error, wasKept, parser.got_some());
-        Response response{parser.release(), parser.keep_alive()};
-        if (!response.isKept) stream.reset();
-        co_return response;
-    }
-
-    template <class Open>
-    static asio::awaitable<error_code> exchange(Open& stream,
-                                                const http::request<http::empty_body>& message,
-                                                http::response_parser<http::string_body>& parser) {
-        const auto [writeError, written] = co_await http::async_write(stream, message, kTuple);
-        if (writeError) co_return writeError;
-        beast::flat_buffer buffer;
-        const auto [readError, size] = co_await http::async_read(stream, buffer, parser, kTuple);
-        co_return readError;
-    }
-
-    tl::unexpected<Failure> failed(Stream& stream, const error_code& error, bool wasKept,
-                                   bool hasBegun) const {
-        stream.reset();
-        if (error == http::error::body_limit)
-            return tl::unexpected(
-                Failure{"the answer is larger than " + std::to_string(limits_.bodyBytes) + " bytes",
-                        false, false});
-        const bool wasClosed = wasKept && !hasBegun && error != beast::error::timeout;
-        if (error == beast::error::timeout)
-            return tl::unexpected(Failure{
-                "no complete answer within " + std::to_string(limits_.request.count()) + " ms",
-                true, false});
-        return tl::unexpected(
-            Failure{"the answer could not be read: " + error.message(), !hasBegun, wasClosed});
     }
 
     const Address& address_;
@@ -286,13 +167,12 @@ private:
     DiskCache* const cache_;
     const std::vector<std::string>& targets_;
     const std::function<bool()>& isCancelled_;
-    ssl::context tls_{ssl::context::tls_client};
-    asio::io_context context_{1};
-    asio::steady_timer pause_{context_};
+    std::mutex mutex_;  // guards the next members
     Fetcher::Result result_;
     std::size_t next_ = 0, bytes_ = 0;
-    int running_ = 0, failures_ = 0;
+    int failures_ = 0;
     std::string lastFailure_;
+    std::exception_ptr fault_;
 };
 
 }  // namespace

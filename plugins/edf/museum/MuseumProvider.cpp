@@ -121,7 +121,7 @@ public:
         if (!address) return fail(why, address.error());
         address_ = std::move(*address);
         const auto answer = get(data, {"/departments"}, kDefaultBodyBytes).front();
-        if (!answer) return fail(why, answer.error());
+        if (!answer) return fail(why, answer.error().cause);
         const auto departments = museum::readDepartments(*answer);
         if (!departments)
             return fail(why, address_.text() + "/departments: " + departments.error());
@@ -148,8 +148,8 @@ private:
         return false;
     }
 
-    std::vector<museum::Fetched> get(IEdfSourceData& data, const std::vector<std::string>& targets,
-                                     std::size_t bodyBytes) const {
+    std::vector<museum::Body> get(IEdfSourceData& data, const std::vector<std::string>& targets,
+                                  std::size_t bodyBytes) const {
         auto [answers, stale] =
             museum::Fetcher(address_, limitsFor(bodyBytes), sharedCache()).get(targets, [&data] {
                 return data.IsCancelled();
@@ -184,7 +184,7 @@ private:
         for (const auto& [path, id] : departments) {
             const auto& answer = answers[index++];
             const auto ids =
-                answer ? museum::readObjectIds(*answer) : tl::unexpected(answer.error());
+                answer ? museum::readObjectIds(*answer) : tl::unexpected(answer.error().cause);
             if (!ids) {
                 problems.add(answer ? lists[index - 1] + ": " + ids.error() : ids.error());
                 continue;
@@ -223,7 +223,7 @@ private:
         for (std::size_t i = 0; i < objects.size(); ++i) {
             const auto& answer = answers[places.at(objects[i])];
             const auto object =
-                answer ? museum::readObject(*answer) : tl::unexpected(answer.error());
+                answer ? museum::readObject(*answer) : tl::unexpected(answer.error().cause);
             if (!object)
                 problems.add(answer ? objects[i] + ": " + object.error() : object.error());
             else if ("/objects/" + object->id != objects[i])

@@ -25,8 +25,8 @@
 #include <thread>
 #include <vector>
 
-#include "Digest.h"
 #include "usdlive/common/core/Descriptor.h"
+#include "usdlive/common/core/Sha256.h"
 #include "usdlive/common/core/Thread.h"
 
 namespace usdlive::resolver {
@@ -49,11 +49,7 @@ constexpr std::size_t kHashDigits = 64, kOriginDigits = 16, kSealDigits = 16;
 // Files are hashed when none was fetched for this time.
 constexpr milliseconds kQuiet{500};
 
-std::string hashOf(const std::string& text) {
-    Digest digest;
-    digest.add(text.data(), text.size());
-    return digest.hex();
-}
+std::string hashOf(const std::string& text) { return sha256(asBytes(text)).hex(); }
 
 OpenFile noFile() { return {nullptr, &std::fclose}; }
 
@@ -78,14 +74,14 @@ std::int64_t startOfTheMachine() {
 
 /// Returns nothing if `goesOn` has returned false before the end.
 std::optional<bool> hasHash(const Descriptor& file, const std::string& hash, auto goesOn) {
-    Digest digest;
+    Sha256 digest;
     std::vector<std::uint8_t> part(kReadBytes);
     for (std::uint64_t at = 0;;) {
         if (!goesOn()) return std::nullopt;
         const auto count = readPart(file, at, part);
         if (!count) return false;
-        if (*count == 0) return digest.hex() == hash;
-        digest.add(part.data(), *count);
+        if (*count == 0) return digest.finish().hex() == hash;
+        digest.add(ByteView(part).first(*count));
         at += *count;
     }
 }
@@ -232,7 +228,7 @@ private:
 
     /// Returns false if the system refuses the thread. The next file tries it again.
     [[nodiscard]] bool start() try {
-        (void)Digest().hex();  // OpenSSL is started first, so it ends last
+        (void)Sha256().finish();  // OpenSSL is started first, so it ends last
         {
             const std::lock_guard lock(running().mutex);
             running().checks.insert(this);
@@ -436,7 +432,7 @@ public:
     std::string add(std::size_t size) override {
         cache_.checks_->wait();
         size_ += size;
-        if (size_ <= kHashedAtOnce) digest_.add(part_.get(), size);
+        if (size_ <= kHashedAtOnce) digest_.add(asBytes({part_.get(), size}));
         if (!writeAll(file_.get(), part_.get(), size))
             if (!isOnDisk_ || !moveToMemory(size_ - size) ||
                 !writeAll(file_.get(), part_.get(), size))
@@ -446,12 +442,12 @@ public:
 
     /// Gives the file its name if its hash is the one that the server named and the one that is
     /// wanted, which may be empty.
-    Outcome<std::pair<OpenFile, std::string>> keep(const std::string& wanted,
+    Fetched<std::pair<OpenFile, std::string>> keep(const std::string& wanted,
                                                    const std::string& named) {
         const bool isHashed = size_ <= kHashedAtOnce || !isOnDisk_;
         if (!isHash(named) || (!wanted.empty() && wanted != named) ||
             (isHashed && !hasHashOf(named)))
-            return Failure{"the file was changed while it was sent"};
+            return failed("the file was changed while it was sent");
         ::lseek(file_.get(), 0, SEEK_SET);
         bool isKept = false;
         if (isOnDisk_) {
@@ -470,13 +466,13 @@ public:
         }
         if (!isKept && isHashed) cache_.memory_->add(named, file_, size_);
         OpenFile stream = opened(std::move(file_));
-        if (!stream) return Failure{std::strerror(errno)};
+        if (!stream) return failed(std::strerror(errno));
         return std::pair<OpenFile, std::string>(std::move(stream), named);
     }
 
 private:
     bool hasHashOf(const std::string& named) {
-        return size_ <= kHashedAtOnce ? digest_.hex() == named : hasHash(file_, named);
+        return size_ <= kHashedAtOnce ? digest_.finish().hex() == named : hasHash(file_, named);
     }
 
     /// Continues in memory when the disk is full after `size` bytes.
@@ -504,7 +500,7 @@ private:
     std::uint64_t size_ = 0;
     // Not filled with zeros: most files use little of it.
     const std::unique_ptr<char[]> part_ = std::make_unique_for_overwrite<char[]>(kPartBytes);
-    Digest digest_;  // the first kHashedAtOnce bytes
+    Sha256 digest_;  // the first kHashedAtOnce bytes
 };
 
 // ---- Cache
@@ -641,14 +637,14 @@ bool Cache::isKeyedReady(const std::string& origin, const std::string& key) cons
     return !hash.empty() && isReady(origin, hash);
 }
 
-Outcome<OpenFile> Cache::file(const std::string& origin, const std::string& hash,
+Fetched<OpenFile> Cache::file(const std::string& origin, const std::string& hash,
                               const Download& download) {
     if (auto found = find(origin, hash)) return found;
     // Files share a few thousand locks, so that no folder of locks grows.
     const Lock lock(options_.folder / "locks" / hash.substr(0, 3), kLockTime);
     if (auto found = find(origin, hash)) return found;
     auto fetched = fetch(origin, hash, download);
-    if (!fetched) return fetched.failure();
+    if (!fetched) return tl::unexpected(fetched.error());
     return std::move(fetched->first);
 }
 
@@ -661,25 +657,25 @@ OpenFile Cache::findNamed(const std::string& origin, const std::string& name) {
     return hash.empty() ? noFile() : find(origin, hash);
 }
 
-Outcome<OpenFile> Cache::keyedFile(const std::string& origin, const std::string& key,
+Fetched<OpenFile> Cache::keyedFile(const std::string& origin, const std::string& key,
                                    const Download& download) {
     const std::string name = hashOf(key);
     if (auto found = findNamed(origin, name)) return found;
     const Lock lock(options_.folder / "locks" / name.substr(0, 3), kLockTime);
     if (auto found = findNamed(origin, name)) return found;
     auto fetched = fetch(origin, "", download);
-    if (!fetched) return fetched.failure();
+    if (!fetched) return tl::unexpected(fetched.error());
     writeKey(name, fetched->second);
     return std::move(fetched->first);
 }
 
 /// `hash` may be empty: it is then the one that the server names. Returns the hash with the file.
-Outcome<std::pair<OpenFile, std::string>> Cache::fetch(const std::string& origin,
+Fetched<std::pair<OpenFile, std::string>> Cache::fetch(const std::string& origin,
                                                        const std::string& hash,
                                                        const Download& download) {
     NewFile file(*this, origin);
     const auto named = download(file);
-    if (!named) return named.failure();
+    if (!named) return tl::unexpected(named.error());
     return file.keep(hash, *named);
 }
 

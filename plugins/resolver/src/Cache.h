@@ -17,14 +17,19 @@
 #include <system_error>
 #include <unordered_map>
 
-#include "BodySink.h"
-#include "Outcome.h"
+#include "usdlive/common/fetch/BodySink.h"
+#include "usdlive/common/fetch/Fetched.h"
 
 namespace usdlive {
 class Descriptor;
 }
 
 namespace usdlive::resolver {
+
+using fetch::BodySink;
+using fetch::failed;
+using fetch::Failure;
+using fetch::Fetched;
 
 /// An open file. It can be read to its end, whatever happens to the cache.
 using OpenFile = std::unique_ptr<std::FILE, int (*)(std::FILE*)>;
@@ -58,7 +63,7 @@ public:
 
     /// Writes the content into the sink. Returns the SHA-256 that the server names, or why there is
     /// none.
-    using Download = std::function<Outcome<std::string>(BodySink& sink)>;
+    using Download = std::function<Fetched<std::string>(BodySink& sink)>;
 
     /// Files up to this size are hashed before their first use.
     static constexpr std::uint64_t kHashedAtOnce = 256 * 1024;
@@ -70,11 +75,11 @@ public:
     [[nodiscard]] bool isReady(const std::string& origin, const std::string& hash) const;
     /// Returns the file with this content, which `download` fetches if it is missing. Of several
     /// threads and processes that need the same file, one fetches it.
-    [[nodiscard]] Outcome<OpenFile> file(const std::string& origin, const std::string& hash,
+    [[nodiscard]] Fetched<OpenFile> file(const std::string& origin, const std::string& hash,
                                          const Download& download);
     /// Returns the file that was stored under `key`, any text that identifies a content. `download`
     /// fetches it if it is missing.
-    [[nodiscard]] Outcome<OpenFile> keyedFile(const std::string& origin, const std::string& key,
+    [[nodiscard]] Fetched<OpenFile> keyedFile(const std::string& origin, const std::string& key,
                                               const Download& download);
     /// Returns the file that was stored under `key` if it is here, or nothing.
     [[nodiscard]] OpenFile findKeyed(const std::string& origin, const std::string& key);
@@ -106,7 +111,7 @@ private:
     [[nodiscard]] std::filesystem::path pathOf(const std::string& hash) const;
     [[nodiscard]] std::filesystem::path uncheckedPathOf(const std::string& origin,
                                                         const std::string& hash) const;
-    [[nodiscard]] Outcome<std::pair<OpenFile, std::string>> fetch(const std::string& origin,
+    [[nodiscard]] Fetched<std::pair<OpenFile, std::string>> fetch(const std::string& origin,
                                                                   const std::string& hash,
                                                                   const Download& download);
     // By the hash of a key.

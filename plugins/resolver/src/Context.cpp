@@ -47,7 +47,7 @@ void Context::wrapForPython() {
     }
 }
 
-Outcome<SnapshotPtr> Context::of(const Located& located, const Url& url) const {
+Fetched<SnapshotPtr> Context::of(const Located& located, const Url& url) const {
     // A stage of live layers has no revision of its own.
     if (root().isLive()) {
         auto known = located.project->known();

@@ -28,7 +28,7 @@ public:
 
     /// Returns the project's snapshot in this context, which is the newest one when it is first
     /// needed.
-    [[nodiscard]] Outcome<SnapshotPtr> of(const Located& located, const Url& url) const;
+    [[nodiscard]] Fetched<SnapshotPtr> of(const Located& located, const Url& url) const;
     void set(const ProjectPtr& project, SnapshotPtr snapshot) const;
     /// Takes the newest snapshots. Returns true if one is another than before.
     [[nodiscard]] bool refresh() const;

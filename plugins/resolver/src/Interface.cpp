@@ -10,7 +10,6 @@
 #include <vector>
 
 #include "Context.h"
-#include "Http.h"
 #include "LiveProjects.h"
 #include "Remote.h"
 #include "usdlive/common/core/ResolverInterface.h"
@@ -105,7 +104,7 @@ void connected(const char* token, const char* server, int isConnected) {
         Remotes::ofProcess().allow(project->host);
 }
 
-Outcome<Located> locate(const LiveProject& live, const std::string& path) {
+Fetched<Located> locate(const LiveProject& live, const std::string& path) {
     Url url = live.atServer({});
     url.path = live.prefix + path;
     return Remotes::ofProcess().locate(url);
@@ -121,7 +120,8 @@ int refresh(const char* token, Changed changed, IsStopped isStopped, void* conte
     const auto live = LiveProjects::ofProcess().findToken(token);
     if (!live) return 0;
     const auto located = locate(*live, "");
-    const auto now = located ? located->project->follow() : Outcome<SnapshotPtr>(located.failure());
+    const auto now =
+        located ? located->project->follow() : Fetched<SnapshotPtr>(tl::unexpect, located.error());
     if (!now) {
         reported().failed(token);
         return 0;
@@ -160,7 +160,7 @@ bool fetchLayer(const LiveProject& live, RemoteProject& project, const std::stri
 int fetch(const char* token, const char* path, IsStopped isStopped, void* context) {
     const StoppableRequests requests([&] { return isStopped(context) != 0; });
     const auto live = LiveProjects::ofProcess().findToken(token);
-    const auto located = live ? locate(*live, path) : Outcome<Located>(Failure{});
+    const auto located = live ? locate(*live, path) : Fetched<Located>(tl::unexpect, Failure{});
     if (!located) return 0;
     if (isUsdLayer(path)) return fetchLayer(*live, *located->project, path) ? 1 : 0;
     const SnapshotPtr files = located->project->lastFollowed();

@@ -10,6 +10,11 @@
 
 namespace usdlive::resolver {
 
+using fetch::HttpAnswer;
+using fetch::HttpLimits;
+using fetch::HttpRequest;
+using fetch::isLoopback;
+using fetch::urlEncoded;
 using Json = nlohmann::json;
 using std::chrono::milliseconds;
 
@@ -49,12 +54,12 @@ std::vector<std::string> allowedHosts() {
     return hosts;
 }
 
-HttpTimes timesFromEnvironment() {
-    HttpTimes times;
+HttpLimits limitsFromEnvironment() {
+    HttpLimits limits;
     const std::string ms = environment("USDLIVE_RESOLVER_TIMEOUT_MS");
     if (const long count = std::strtol(ms.c_str(), nullptr, 10); count > 0)
-        times = {milliseconds(count), milliseconds(count), milliseconds(count)};
-    return times;
+        limits = {milliseconds(count), milliseconds(count), milliseconds(count)};
+    return limits;
 }
 
 /// Returns the first line of an answer, which says why it is an error.
@@ -76,10 +81,14 @@ Number numberIn(const Json& json, const char* name) {
     return found != json.end() && found->is_number_integer() ? found->get<Number>() : Number(0);
 }
 
+thread_local std::function<bool()> stopsHere;
+
+bool areRequestsStopped() { return stopsHere && stopsHere(); }
+
 /// Sends the request again while the server is busy.
-Outcome<HttpAnswer> patientGet(const HttpRequest& request, const HttpTimes& times) {
+Fetched<HttpAnswer> patientGet(const HttpRequest& request, const HttpLimits& limits) {
     for (int left = kBusyAttempts;; --left) {
-        auto answer = httpGet(request, times);
+        auto answer = getFromServer(request, limits, stopsHere);
         if (!answer || answer->status != kBusy || left == 1 || areRequestsStopped()) return answer;
         std::this_thread::sleep_for(kBusyPause);
     }
@@ -101,7 +110,7 @@ void addFile(const Json& file, Snapshot& snapshot) {
     snapshot.files.insert_or_assign(textIn(file, "path"), std::move(entry));
 }
 
-Outcome<SnapshotPtr> parseSnapshot(const HttpAnswer& answer, const std::string& pin) {
+Fetched<SnapshotPtr> parseSnapshot(const HttpAnswer& answer, const std::string& pin) {
     auto snapshot = std::make_shared<Snapshot>();
     // Keeps one file at a time and the members that are used, so that a large list does not take
     // several times its size.
@@ -121,13 +130,13 @@ Outcome<SnapshotPtr> parseSnapshot(const HttpAnswer& answer, const std::string& 
     const Json json = Json::parse(answer.body, take, false);
     const auto files = json.is_object() ? json.find("files") : json.end();
     if (!json.is_object() || files == json.end() || !files->is_array())
-        return Failure{"the answer is not a list of files. Is this a usdlive server?"};
+        return failed("the answer is not a list of files. Is this a usdlive server?");
     if (snapshot->files.size() > kMostFiles)
-        return Failure{"the project has more than " + std::to_string(kMostFiles) + " files"};
+        return failed("the project has more than " + std::to_string(kMostFiles) + " files");
     snapshot->project = textIn(json, "project");
     snapshot->revision = numberIn<std::uint64_t>(json, "revision");
     snapshot->pin = pin;
-    snapshot->etag = answer.etag;
+    snapshot->etag = answer.etag();
     return SnapshotPtr(snapshot);
 }
 
@@ -177,27 +186,31 @@ bool isHashToken(const std::string& token) {
 
 std::string revisionOf(const std::string& token) { return token.substr(0, token.find('-')); }
 
+StoppableRequests::StoppableRequests(std::function<bool()> isStopped) {
+    stopsHere = std::move(isStopped);
+}
+StoppableRequests::~StoppableRequests() { stopsHere = nullptr; }
+
 // ---- RemoteProject
 
 RemoteProject::RemoteProject(std::string host, std::uint16_t port, std::string name,
-                             std::string prefix, std::string user, HttpTimes times, Cache& cache)
+                             std::string prefix, HttpLimits limits, Cache& cache)
     : host_(std::move(host)),
       port_(port),
       name_(std::move(name)),
       prefix_(std::move(prefix)),
-      user_(std::move(user)),
       origin_(host_ + ":" + std::to_string(port_) + prefix_),
-      times_(times),
+      limits_(limits),
       takesZstd_(takesZstd(host_)),
       cache_(cache) {}
 
-Outcome<SnapshotPtr> RemoteProject::newest(milliseconds idle) { return ask(newest_, {}, idle); }
+Fetched<SnapshotPtr> RemoteProject::newest(milliseconds idle) { return ask(newest_, {}, idle); }
 
 RemoteProject::Listing RemoteProject::listingOf(const std::string& pin) {
     return {(isRevision(pin) ? "?revision=" : "?checkpoint=") + urlEncoded(pin), pin};
 }
 
-Outcome<SnapshotPtr> RemoteProject::at(const std::string& pin) {
+Fetched<SnapshotPtr> RemoteProject::at(const std::string& pin) {
     Asked* known = nullptr;
     {
         const std::lock_guard lock(mutex_);
@@ -209,17 +222,17 @@ Outcome<SnapshotPtr> RemoteProject::at(const std::string& pin) {
     return ask(*known, listingOf(pin), milliseconds::max());
 }
 
-Outcome<SnapshotPtr> RemoteProject::known() { return lastOf(newest_, {}); }
+Fetched<SnapshotPtr> RemoteProject::known() { return lastOf(newest_, {}); }
 
-Outcome<SnapshotPtr> RemoteProject::follow() { return ask(followed_, {kFollowedQuery}, kAskAgain); }
+Fetched<SnapshotPtr> RemoteProject::follow() { return ask(followed_, {kFollowedQuery}, kAskAgain); }
 
-Outcome<SnapshotPtr> RemoteProject::followed() { return lastOf(followed_, {kFollowedQuery}); }
+Fetched<SnapshotPtr> RemoteProject::followed() { return lastOf(followed_, {kFollowedQuery}); }
 
-Outcome<SnapshotPtr> RemoteProject::lastOf(Asked& known, const Listing& listing) {
+Fetched<SnapshotPtr> RemoteProject::lastOf(Asked& known, const Listing& listing) {
     {
         const std::lock_guard lock(mutex_);
         if (known.snapshot) return known.snapshot;
-        if (known.failure) return *known.failure;
+        if (known.failure) return tl::unexpected(*known.failure);
     }
     return ask(known, listing, milliseconds::max());
 }
@@ -234,17 +247,18 @@ SnapshotPtr RemoteProject::last() const {
     return newest_.snapshot;
 }
 
-Outcome<SnapshotPtr> RemoteProject::ask(Asked& known, const Listing& listing, milliseconds idle) {
-    const auto answerNow = [&]() -> std::optional<Outcome<SnapshotPtr>> {
+Fetched<SnapshotPtr> RemoteProject::ask(Asked& known, const Listing& listing, milliseconds idle) {
+    const auto answerNow = [&]() -> std::optional<Fetched<SnapshotPtr>> {
         const std::lock_guard lock(mutex_);
         const auto now = Clock::now();
         const auto passed = now - known.when;
-        if (known.failure && passed < kFailurePause) return Outcome<SnapshotPtr>(*known.failure);
+        if (known.failure && passed < kFailurePause)
+            return Fetched<SnapshotPtr>(tl::unexpect, *known.failure);
         if (known.failure || !known.snapshot) return std::nullopt;
         const bool isOld = passed > idle || now - known.asked > kLongestUse;
         if (idle != milliseconds::max() && isOld) return std::nullopt;
         known.when = now;
-        return Outcome<SnapshotPtr>(known.snapshot);
+        return Fetched<SnapshotPtr>(known.snapshot);
     };
     if (auto now = answerNow()) return *now;
     const std::lock_guard asking(asking_);
@@ -262,59 +276,58 @@ Outcome<SnapshotPtr> RemoteProject::ask(Asked& known, const Listing& listing, mi
     if (answer)
         known.snapshot = *answer;
     else
-        known.failure = answer.failure();
+        known.failure = answer.error();
     return answer;
 }
 
-Outcome<SnapshotPtr> RemoteProject::request(const SnapshotPtr& known, const Listing& listing) {
+Fetched<SnapshotPtr> RemoteProject::request(const SnapshotPtr& known, const Listing& listing) {
     HttpRequest request = requestFor("/files" + listing.query);
     if (known) request.headers.emplace_back("If-None-Match", '"' + known->etag + '"');
-    const auto answer = patientGet(request, times_);
-    if (!answer) return answer.failure();
+    const auto answer = patientGet(request, limits_);
+    if (!answer) return tl::unexpected(answer.error());
     if (known && answer->status == kNotModified) return known;
-    if (answer->status != kOk) return Failure{sentenceOf(*answer), answer->status};
+    if (answer->status != kOk) return failed(sentenceOf(*answer), answer->status);
     return parseSnapshot(*answer, listing.pin);
 }
 
 HttpRequest RemoteProject::requestFor(const std::string& target) const {
-    HttpRequest request{host_, port_, prefix_ + target};
-    if (!user_.empty()) request.headers.emplace_back("Usdlive-User", urlEncoded(user_));
+    HttpRequest request{{host_, port_}, prefix_ + target};
     request.takesZstd = takesZstd_;
     return request;
 }
 
 /// Returns the hash of what was sent. `wanted`: the ETag has to begin with it. `size`: the largest
 /// size.
-Outcome<std::string> RemoteProject::download(const std::string& target, const std::string& wanted,
+Fetched<std::string> RemoteProject::download(const std::string& target, const std::string& wanted,
                                              std::optional<std::uint64_t> size, BodySink& sink) {
     HttpRequest request = requestFor(target);
     Bounded bounded(sink, size.value_or(kMostUnlistedBytes));
     request.sink = &bounded;
-    const auto answer = patientGet(request, times_);
-    if (!answer) return answer.failure();
-    if (answer->status != kOk) return Failure{sentenceOf(*answer), answer->status};
-    if (!answer->etag.starts_with(wanted))
-        return Failure{"the server has another version of it now", kConflict};
-    return answer->sha256;
+    const auto answer = patientGet(request, limits_);
+    if (!answer) return tl::unexpected(answer.error());
+    if (answer->status != kOk) return failed(sentenceOf(*answer), answer->status);
+    if (!answer->etag().starts_with(wanted))
+        return failed("the server has another version of it now", kConflict);
+    return std::string(answer->header("Usdlive-Sha256"));
 }
 
-Outcome<OpenFile> RemoteProject::openVersion(const std::string& path, const std::string& token) {
+Fetched<OpenFile> RemoteProject::openVersion(const std::string& path, const std::string& token) {
     return cache_.keyedFile(origin_, keyOf(path, token), [&](BodySink& sink) {
         return download("/files/" + urlEncoded(path) + "?revision=" + revisionOf(token), token,
                         std::nullopt, sink);
     });
 }
 
-Outcome<OpenFile> RemoteProject::open(const std::string& path, const std::string& content) {
+Fetched<OpenFile> RemoteProject::open(const std::string& path, const std::string& content) {
     const bool isVersion = !content.empty() && !isHashToken(content);
     return isVersion ? openVersion(path, content) : openFile(path, content);
 }
 
-Outcome<OpenFile> RemoteProject::openKept(const std::string& path, const std::string& content) {
+Fetched<OpenFile> RemoteProject::openKept(const std::string& path, const std::string& content) {
     auto file = isHashToken(content) ? cache_.find(origin_, content)
                                      : cache_.findKeyed(origin_, keyOf(path, content));
     if (file) return file;
-    return Failure{"it is not in the cache, and there is no connection to the server"};
+    return failed("it is not in the cache, and there is no connection to the server");
 }
 
 bool RemoteProject::isReady(const std::string& path, const std::string& content) const {
@@ -333,7 +346,7 @@ std::optional<std::uint64_t> RemoteProject::sizeOf(const std::string& path,
     return std::nullopt;
 }
 
-Outcome<OpenFile> RemoteProject::openFile(const std::string& path, const std::string& hash) {
+Fetched<OpenFile> RemoteProject::openFile(const std::string& path, const std::string& hash) {
     std::string wanted = hash;
     Failure failure{"it changes all the time"};
     for (int left = kOpenAttempts; left > 0; --left) {
@@ -341,10 +354,10 @@ Outcome<OpenFile> RemoteProject::openFile(const std::string& path, const std::st
         if (wanted.empty()) {
             // The server does not know the hash yet, or another file is there by now.
             const auto list = newest(kAskAgain);
-            if (!list) return list.failure();
+            if (!list) return tl::unexpected(list.error());
             const auto found = (*list)->files.find(path);
             if (found == (*list)->files.end())
-                return Failure{"the project has no such file any more", kNotFound};
+                return failed("the project has no such file any more", kNotFound);
             wanted = found->second.hash;
             if (wanted.empty())
                 return cache_.keyedFile(
@@ -356,11 +369,11 @@ Outcome<OpenFile> RemoteProject::openFile(const std::string& path, const std::st
             return download(target + "?hash=" + wanted, wanted, sizeOf(path, wanted), sink);
         });
         if (file) return file;
-        failure = file.failure();
-        if (failure.status != kConflict && failure.status != 0) return failure;
+        failure = file.error();
+        if (failure.status != kConflict && failure.status != 0) return tl::unexpected(failure);
         if (failure.status == kConflict) wanted.clear();
     }
-    return failure;
+    return tl::unexpected(failure);
 }
 
 // ---- Remotes
@@ -368,7 +381,7 @@ Outcome<OpenFile> RemoteProject::openFile(const std::string& path, const std::st
 Remotes::Remotes()
     : cache(Cache::optionsFromEnvironment()),
       user_(environment("USDLIVE_USER", environment("USER"))),
-      times_(timesFromEnvironment()),
+      limits_(limitsFromEnvironment()),
       allowedHosts_(allowedHosts()) {}
 
 Remotes& Remotes::ofProcess() {
@@ -393,31 +406,31 @@ std::optional<Failure> Remotes::whyForbidden(const Url& url) {
                    "allow it"};
 }
 
-Outcome<Located> Remotes::locate(const Url& url) {
-    if (auto forbidden = whyForbidden(url)) return *forbidden;
-    if (url.leadsOut()) return Failure{"the path leads out of the server"};
+Fetched<Located> Remotes::locate(const Url& url) {
+    if (auto forbidden = whyForbidden(url)) return tl::unexpected(*forbidden);
+    if (url.leadsOut()) return failed("the path leads out of the server");
     Server& server = serverOf(url);
     for (const bool again : {false, true}) {
-        if (auto failure = ask(server, url, again)) return *failure;
+        if (auto failure = ask(server, url, again)) return tl::unexpected(*failure);
         if (auto located = locateIn(server, url)) return *std::move(located);
     }
-    return Failure{"the server has no project \"" + url.path.substr(0, url.path.find('/')) + "\"",
-                   kNotFound};
+    return failed("the server has no project \"" + url.path.substr(0, url.path.find('/')) + "\"",
+                  kNotFound);
 }
 
-Outcome<Located> Remotes::locateOnce(const Url& url) {
+Fetched<Located> Remotes::locateOnce(const Url& url) {
     Server& server = serverOf(url);
     {
         const std::lock_guard lock(server.mutex);
-        if (!server.isKnown && server.failure) return *server.failure;
+        if (!server.isKnown && server.failure) return tl::unexpected(*server.failure);
     }
     return locate(url);
 }
 
-Outcome<Located> Remotes::locateKnown(const Url& url) {
-    if (url.leadsOut()) return Failure{"the path leads out of the server"};
+Fetched<Located> Remotes::locateKnown(const Url& url) {
+    if (url.leadsOut()) return failed("the path leads out of the server");
     if (auto located = locateIn(serverOf(url), url)) return *std::move(located);
-    return Failure{"there is no connection to the server " + url.server()};
+    return failed("there is no connection to the server " + url.server());
 }
 
 Remotes::Server& Remotes::serverOf(const Url& url) {
@@ -470,17 +483,17 @@ std::optional<Failure> Remotes::ask(Server& server, const Url& url, bool again) 
     if (isAnswered()) return answerNow();
     const std::lock_guard asking(server.asking);
     if (isAnswered()) return answerNow();
-    HttpRequest request{url.host, url.port, "/projects"};
-    request.mostBytes = kMostProjectsBytes;
-    const auto answer = httpGet(request, times_);
-    if (!answer && areRequestsStopped()) return answer.failure();
+    HttpLimits limits = limits_;
+    limits.bodyBytes = kMostProjectsBytes;
+    const auto answer = getFromServer({{url.host, url.port}, "/projects"}, limits, stopsHere);
+    if (!answer && areRequestsStopped()) return answer.error();
     const std::lock_guard lock(server.mutex);
     server.when = std::chrono::steady_clock::now();
     const auto refuse = [&](Failure failure) {
         server.failure = std::move(failure);
         return server.isKnown ? std::nullopt : server.failure;
     };
-    if (!answer) return refuse(answer.failure());
+    if (!answer) return refuse(answer.error());
     const Json json = Json::parse(answer->body, nullptr, false);
     const auto projects = json.is_object() ? json.find("projects") : json.end();
     if (answer->status != kOk || !json.is_object() || projects == json.end() ||
@@ -497,7 +510,7 @@ std::optional<Failure> Remotes::ask(Server& server, const Url& url, bool again) 
         server.projects.emplace(
             name, std::make_shared<RemoteProject>(url.host, url.port, name,
                                                   server.hasSeveral ? "/" + urlEncoded(name) : "",
-                                                  user_, times_, cache));
+                                                  limits_, cache));
     }
     return std::nullopt;
 }

@@ -3,6 +3,7 @@
 
 #include <chrono>
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -12,8 +13,8 @@
 #include <vector>
 
 #include "Cache.h"
-#include "Http.h"
 #include "Url.h"
+#include "usdlive/common/fetch/UsdliveServer.h"
 
 namespace usdlive::resolver {
 
@@ -42,7 +43,7 @@ using SnapshotPtr = std::shared_ptr<const Snapshot>;
 class RemoteProject {
 public:
     RemoteProject(std::string host, std::uint16_t port, std::string name, std::string prefix,
-                  std::string user, HttpTimes times, Cache& cache);
+                  fetch::HttpLimits limits, Cache& cache);
 
     [[nodiscard]] const std::string& name() const { return name_; }
     /// True if addresses name the project, because the server has several.
@@ -50,35 +51,35 @@ public:
 
     /// Returns the last snapshot. Asks the server for a new one if the last one was not used for
     /// longer than `idle` (always, if that is negative), or is some seconds old.
-    [[nodiscard]] Outcome<SnapshotPtr> newest(std::chrono::milliseconds idle);
+    [[nodiscard]] Fetched<SnapshotPtr> newest(std::chrono::milliseconds idle);
     /// Returns the snapshot of a revision or checkpoint.
-    [[nodiscard]] Outcome<SnapshotPtr> at(const std::string& pin);
+    [[nodiscard]] Fetched<SnapshotPtr> at(const std::string& pin);
     /// Returns the last snapshot, or the last failure. Asks the server only the first time.
-    [[nodiscard]] Outcome<SnapshotPtr> known();
+    [[nodiscard]] Fetched<SnapshotPtr> known();
     /// Returns the last snapshot, or nullptr. Asks no server.
     [[nodiscard]] SnapshotPtr last() const;
 
     // The list without layers, for projects whose layers are live. The server sends it again only
     // if one of these files has changed (AS1).
     /// Asks the server for the list.
-    [[nodiscard]] Outcome<SnapshotPtr> follow();
+    [[nodiscard]] Fetched<SnapshotPtr> follow();
     /// Returns the last list, or the last failure. Asks the server only the first time.
-    [[nodiscard]] Outcome<SnapshotPtr> followed();
+    [[nodiscard]] Fetched<SnapshotPtr> followed();
     /// Returns the last list, or nullptr. Asks no server.
     [[nodiscard]] SnapshotPtr lastFollowed() const;
 
     /// Opens a layer that has a history, at a version that versionToken() made.
-    [[nodiscard]] Outcome<OpenFile> openVersion(const std::string& path, const std::string& token);
+    [[nodiscard]] Fetched<OpenFile> openVersion(const std::string& path, const std::string& token);
     /// Opens the file with this content, which Entry::content() names.
-    [[nodiscard]] Outcome<OpenFile> open(const std::string& path, const std::string& content);
+    [[nodiscard]] Fetched<OpenFile> open(const std::string& path, const std::string& content);
     /// Opens a file of which the cache has this content, a hash or a version of versionToken().
     /// Asks no server.
-    [[nodiscard]] Outcome<OpenFile> openKept(const std::string& path, const std::string& content);
+    [[nodiscard]] Fetched<OpenFile> openKept(const std::string& path, const std::string& content);
     /// Returns whether openKept() opens it at once. A large file may have to be hashed first.
     [[nodiscard]] bool isReady(const std::string& path, const std::string& content) const;
     /// Opens the file with this content, or with the present content if the project has another one
     /// by now. `hash` may be empty.
-    [[nodiscard]] Outcome<OpenFile> openFile(const std::string& path, const std::string& hash);
+    [[nodiscard]] Fetched<OpenFile> openFile(const std::string& path, const std::string& hash);
 
 private:
     using Clock = std::chrono::steady_clock;
@@ -94,13 +95,13 @@ private:
         std::string pin = {};
     };
     [[nodiscard]] static Listing listingOf(const std::string& pin);
-    [[nodiscard]] Outcome<SnapshotPtr> ask(Asked& known, const Listing& listing,
+    [[nodiscard]] Fetched<SnapshotPtr> ask(Asked& known, const Listing& listing,
                                            std::chrono::milliseconds idle);
     /// Returns what ask() would return without asking again.
-    [[nodiscard]] Outcome<SnapshotPtr> lastOf(Asked& known, const Listing& listing);
-    [[nodiscard]] Outcome<SnapshotPtr> request(const SnapshotPtr& known, const Listing& listing);
-    [[nodiscard]] HttpRequest requestFor(const std::string& target) const;
-    [[nodiscard]] Outcome<std::string> download(const std::string& target,
+    [[nodiscard]] Fetched<SnapshotPtr> lastOf(Asked& known, const Listing& listing);
+    [[nodiscard]] Fetched<SnapshotPtr> request(const SnapshotPtr& known, const Listing& listing);
+    [[nodiscard]] fetch::HttpRequest requestFor(const std::string& target) const;
+    [[nodiscard]] Fetched<std::string> download(const std::string& target,
                                                 const std::string& wanted,
                                                 std::optional<std::uint64_t> size, BodySink& sink);
     /// Returns the size that the last lists name for this content.
@@ -109,8 +110,8 @@ private:
 
     const std::string host_;
     const std::uint16_t port_;
-    const std::string name_, prefix_, user_, origin_;
-    const HttpTimes times_;
+    const std::string name_, prefix_, origin_;
+    const fetch::HttpLimits limits_;
     const bool takesZstd_;
     Cache& cache_;
 
@@ -137,12 +138,12 @@ public:
 
     /// Finds the project of an address. Failure: the host is not allowed, the server does not
     /// answer, or it has no such project.
-    [[nodiscard]] Outcome<Located> locate(const Url& url);
+    [[nodiscard]] Fetched<Located> locate(const Url& url);
     /// Does the same, but does not ask a server again that has not answered. `refresh()` of a
     /// client does.
-    [[nodiscard]] Outcome<Located> locateOnce(const Url& url);
+    [[nodiscard]] Fetched<Located> locateOnce(const Url& url);
     /// Does the same with what is known already. Asks no server.
-    [[nodiscard]] Outcome<Located> locateKnown(const Url& url);
+    [[nodiscard]] Fetched<Located> locateKnown(const Url& url);
     /// Allows a host, because the process has a connection to it.
     void allow(const std::string& host);
     /// Asks for the newest snapshots of all projects that were used without a context. Returns true
@@ -168,10 +169,19 @@ private:
     [[nodiscard]] std::optional<Failure> ask(Server& server, const Url& url, bool again);
 
     const std::string user_;
-    const HttpTimes times_;
+    const fetch::HttpLimits limits_;
     std::mutex mutex_;  // guards the next members
     std::vector<std::string> allowedHosts_;
     std::map<std::string, std::unique_ptr<Server>> servers_;
+};
+
+/// While it exists, requests of this thread fail soon after `isStopped` returns true.
+class StoppableRequests {
+public:
+    explicit StoppableRequests(std::function<bool()> isStopped);
+    ~StoppableRequests();
+    StoppableRequests(const StoppableRequests&) = delete;
+    StoppableRequests& operator=(const StoppableRequests&) = delete;
 };
 
 /// Returns the text for a version in a resolved path: for `12-abc...` the revision and the first

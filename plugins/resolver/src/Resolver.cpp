@@ -24,11 +24,12 @@ AR_NAMESPACE_OPEN_SCOPE
 
 using usdlive::resolver::Context;
 using usdlive::resolver::Entry;
+using usdlive::resolver::failed;
 using usdlive::resolver::Failure;
+using usdlive::resolver::Fetched;
 using usdlive::resolver::LiveProjectPtr;
 using usdlive::resolver::LiveProjects;
 using usdlive::resolver::Located;
-using usdlive::resolver::Outcome;
 using usdlive::resolver::Remotes;
 using usdlive::resolver::Snapshot;
 using usdlive::resolver::SnapshotPtr;
@@ -131,7 +132,7 @@ protected:
                 (isPackage(*url) && isAwaited(found->located, found->entry->content(), live)))
                 return {};
         } else if (!found) {
-            report(assetPath, found.failure());
+            report(assetPath, found.error());
         }
         if (!isHere) return {};
         return ArResolvedPath(resolved(*url, *found).resolvedPath());
@@ -186,10 +187,10 @@ protected:
         if (file) return std::make_shared<ArFilesystemAsset>(file->release());
         if (const auto live = liveOf(*url); live && live->isFileLayer(*url)) {
             live->tick->need(live->inProject(*url));  // tries again
-            warn(text, "cannot read", file.failure());
+            warn(text, "cannot read", file.error());
             return nullptr;
         }
-        TF_RUNTIME_ERROR("usdlive: cannot read %s: %s", text.c_str(), file.failure().cause.c_str());
+        TF_RUNTIME_ERROR("usdlive: cannot read %s: %s", text.c_str(), file.error().cause.c_str());
         return nullptr;
     }
 
@@ -370,7 +371,7 @@ private:
         return beside.identifier();
     }
 
-    Outcome<Located> locate(const Url& url, const LiveProjectPtr& live) const {
+    Fetched<Located> locate(const Url& url, const LiveProjectPtr& live) const {
         if (!live) return remotes_.locate(url);
         const Url there = live->atServer(url);
         return live->isConnected && !isInTick(live) ? remotes_.locateOnce(there)
@@ -378,14 +379,14 @@ private:
     }
 
     /// Returns the list of files that is valid for the address.
-    Outcome<SnapshotPtr> listOf(const Located& located, const Url& url,
+    Fetched<SnapshotPtr> listOf(const Located& located, const Url& url,
                                 const LiveProjectPtr& live) const {
         const bool isFollowed = live && url.path.starts_with(live->prefix);
         // A layer without a placeholder is none that the client knows.
         const bool isInList = isFollowed && !usdlive::resolver::isUsdLayer(url.path);
         if (isInTick(live)) {
             auto last = isInList ? located.project->lastFollowed() : located.project->last();
-            if (!last) return Failure{"its list of files is not here yet"};
+            if (!last) return failed("its list of files is not here yet");
             return last;
         }
         if (isInList) return located.project->followed();
@@ -396,11 +397,11 @@ private:
         return located.project->newest(kSnapshotIdle);
     }
 
-    Outcome<Found> find(const Url& url, const LiveProjectPtr& live) const {
+    Fetched<Found> find(const Url& url, const LiveProjectPtr& live) const {
         const auto located = locate(url, live);
-        if (!located) return located.failure();
+        if (!located) return tl::unexpected(located.error());
         const auto snapshot = listOf(*located, url, live);
-        if (!snapshot) return snapshot.failure();
+        if (!snapshot) return tl::unexpected(snapshot.error());
         Found found{*located, *snapshot};
         const auto look = [&](const std::string& path) {
             const auto entry = (*snapshot)->files.find(path);
@@ -427,23 +428,23 @@ private:
         return url;
     }
 
-    Outcome<usdlive::resolver::OpenFile> open(const Url& url) const {
+    Fetched<usdlive::resolver::OpenFile> open(const Url& url) const {
         const auto live = liveOf(url);
         if (const auto file = layerFile(url, live)) {
             usdlive::resolver::OpenFile opened(std::fopen(file->c_str(), "rb"), &std::fclose);
             if (opened) return opened;
-            return Failure{"cannot read " + file->string()};
+            return failed("cannot read " + file->string());
         }
         if (!url.version.empty() && !url.isLive()) {
             const auto located = locate(url, live);
-            if (!located) return located.failure();
+            if (!located) return tl::unexpected(located.error());
             if (live && !live->isConnected)
                 return located->project->openKept(located->path, url.version);
             return located->project->open(located->path, url.version);
         }
         const auto found = find(url, live);
-        if (!found) return found.failure();
-        if (!found->entry) return Failure{"the project has no such file"};
+        if (!found) return tl::unexpected(found.error());
+        if (!found->entry) return failed("the project has no such file");
         const std::string content = found->entry->content();
         if (live && live->isFileLayer(url))
             live->fileLayers->opened(live->inProject(url), content, timeOf(*found->entry));

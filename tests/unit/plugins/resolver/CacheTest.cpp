@@ -14,8 +14,8 @@
 #include <map>
 #include <thread>
 
-#include "Digest.h"
 #include "unit/SmallDisk.h"
+#include "usdlive/common/core/Hash.h"
 
 using namespace usdlive::resolver;
 using testing::HasSubstr;
@@ -27,9 +27,7 @@ namespace {
 const std::string kOrigin = "localhost:7447";
 
 std::string hashOfText(const std::string& text) {
-    Digest digest;
-    digest.add(text.data(), text.size());
-    return digest.hex();
+    return usdlive::sha256(usdlive::asBytes(text)).hex();
 }
 
 /// Adds a text to a sink as if it had arrived. Returns why the download ends.
@@ -58,17 +56,17 @@ protected:
     ~CacheTest() override { fs::remove_all(folder); }
 
     Cache::Download downloadOf(const std::string& text) {
-        return [this, text](BodySink& sink) -> Outcome<std::string> {
+        return [this, text](BodySink& sink) -> Fetched<std::string> {
             ++downloads;
             const std::size_t half = text.size() / 2;
             for (const auto& part : {text.substr(0, half), text.substr(half)})
-                if (const auto problem = put(sink, part); !problem.empty()) return Failure{problem};
+                if (const auto problem = put(sink, part); !problem.empty()) return failed(problem);
             return hashOfText(text);
         };
     }
     std::string get(Cache& cache, const std::string& text) {
         const auto file = cache.file(kOrigin, hashOfText(text), downloadOf(text));
-        return file ? read(*file) : "failed: " + file.failure().cause;
+        return file ? read(*file) : "failed: " + file.error().cause;
     }
     fs::path fileOf(const std::string& text) const {
         const std::string hash = hashOfText(text);
@@ -126,12 +124,12 @@ TEST_F(CacheTest, KeepsNothingThatHasAnotherContent) {
     Cache cache({folder, kPlenty});
     const auto file = cache.file(kOrigin, hashOfText("expected"), downloadOf("changed"));
     ASSERT_FALSE(file);
-    EXPECT_THAT(file.failure().cause, HasSubstr("changed while"));
-    const auto failed = cache.file(kOrigin, hashOfText("expected"), [](BodySink& sink) {
+    EXPECT_THAT(file.error().cause, HasSubstr("changed while"));
+    const auto ended = cache.file(kOrigin, hashOfText("expected"), [](BodySink& sink) {
         (void)put(sink, "exp");
-        return Outcome<std::string>(Failure{"the connection ended", 0});
+        return Fetched<std::string>(failed("the connection ended"));
     });
-    EXPECT_EQ(failed.failure().cause, "the connection ended");
+    EXPECT_EQ(ended.error().cause, "the connection ended");
     EXPECT_EQ(count("new"), 0U);
     EXPECT_FALSE(fs::exists(fileOf("expected")));
 }
@@ -156,7 +154,7 @@ TEST_F(CacheTest, ALargeFileThatAProcessHasLeftIsHashedBeforeItIsUsed) {
         Cache cache({folder, kPlenty});
         EXPECT_TRUE(cache.file(kOrigin, hashOfText(large), [&](BodySink& sink) {
             (void)put(sink, text);
-            return Outcome<std::string>(hashOfText(large));
+            return Fetched<std::string>(hashOfText(large));
         }));
     };
     leave(large);
@@ -185,7 +183,7 @@ TEST_F(CacheTest, ALargeFileWithAnotherContentIsRemovedAndReported) {
     };
     const auto file = cache.file(kOrigin, hashOfText(large), [&](BodySink& sink) {
         (void)put(sink, changed);
-        return Outcome<std::string>(hashOfText(large));
+        return Fetched<std::string>(hashOfText(large));
     });
     EXPECT_EQ(read(*file), changed);
     EXPECT_FALSE(cache.find("other:7447", hashOfText(large)));
@@ -205,7 +203,7 @@ TEST_F(CacheTest, AFileThatComesWhileAnotherOfItsNameIsHashedGetsNoName) {
     const auto fetch = [&](const std::string& key, const std::string& text) {
         return bool(cache.keyedFile(kOrigin, key, [&](BodySink& sink) {
             (void)put(sink, text);
-            return Outcome<std::string>(hash);
+            return Fetched<std::string>(hash);
         }));
     };
     ASSERT_TRUE(fetch("first", large));
@@ -227,7 +225,7 @@ TEST_F(CacheTest, AServerNamesNoPath) {
         for (const char* name : {"", "../../../tmp/evil", "xyz"}) {
             const auto file = cache.keyedFile(kOrigin, "key", [&](BodySink& sink) {
                 (void)put(sink, std::string(size, 'x'));
-                return Outcome<std::string>(name);
+                return Fetched<std::string>(name);
             });
             EXPECT_FALSE(file) << name;
         }
@@ -466,7 +464,7 @@ TEST_F(CacheTest, ThreadsFetchTheSameFileOnce) {
                 ++fetched;
                 std::this_thread::sleep_for(std::chrono::milliseconds(20));
                 (void)put(sink, text);
-                return Outcome<std::string>(hashOfText(text));
+                return Fetched<std::string>(hashOfText(text));
             });
             EXPECT_EQ(read(*file), text);
         });
@@ -484,7 +482,7 @@ TEST_F(CacheTest, AKilledProcessLeavesNoPartOfAFile) {
             (void)cache.file(kOrigin, hashOfText(text), [&](BodySink& sink) {
                 (void)put(sink, std::string_view(text).substr(0, text.size() / 2));
                 ::kill(::getpid(), SIGKILL);
-                return Outcome<std::string>(Failure{"never"});
+                return Fetched<std::string>(failed("never"));
             });
             ::_exit(1);
         }
@@ -503,7 +501,7 @@ TEST_F(CacheTest, FindsNothingAndDoesNotWaitWhileAFileIsFetched) {
     Cache cache({folder, 1 << 20});
     const std::string hash = hashOfText("brick");
     bool isFound = true;
-    const auto file = cache.file(kOrigin, hash, [&](BodySink& sink) -> Outcome<std::string> {
+    const auto file = cache.file(kOrigin, hash, [&](BodySink& sink) -> Fetched<std::string> {
         // The lock of the file is held here: waiting for it would take 30 s.
         isFound = bool(cache.find(kOrigin, hash));
         (void)put(sink, "brick");

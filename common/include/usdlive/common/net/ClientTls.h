@@ -28,8 +28,9 @@ namespace usdlive {
 /// Asks nobody. Any thread, one at a time; has to outlive the handshake.
 class ClientTls {
 public:
-    /// FirstUse: the user has named this server with a scheme that demands encryption.
-    enum class Trust { Known, FirstUse };
+    /// Authorities: another service, of which nothing is known or remembered. FirstUse: the user
+    /// has named this server with a scheme that demands encryption.
+    enum class Trust { Authorities, Known, FirstUse };
 
     /// `authorities`: a file with certificates in PEM, used beside those of the system; empty:
     /// none.

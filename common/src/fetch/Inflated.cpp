@@ -1,9 +1,9 @@
 // Decompresses what arrives from a server, with zstd.
-#include "Inflated.h"
+#include "usdlive/common/fetch/Inflated.h"
 
 #include <zstd.h>
 
-namespace usdlive::resolver {
+namespace usdlive::fetch {
 
 struct Inflated::Stream {
     Stream() : context(ZSTD_createDStream()) {}
@@ -40,4 +40,4 @@ std::string Inflated::finish() const {
     return isComplete_ ? "" : "the compressed content is not complete";
 }
 
-}  // namespace usdlive::resolver
+}  // namespace usdlive::fetch

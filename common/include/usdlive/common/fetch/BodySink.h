@@ -5,9 +5,9 @@
 #include <span>
 #include <string>
 
-namespace usdlive::resolver {
+namespace usdlive::fetch {
 
-/// Receives the body of an answer in parts.
+/// Receives the body of an answer in parts, on the thread that requests it.
 class BodySink {
 public:
     virtual ~BodySink() = default;
@@ -18,4 +18,4 @@ public:
     [[nodiscard]] virtual std::string add(std::size_t size) = 0;
 };
 
-}  // namespace usdlive::resolver
+}  // namespace usdlive::fetch

@@ -1,5 +1,5 @@
 // Tests the decompression of answers (AS5).
-#include "Inflated.h"
+#include "usdlive/common/fetch/Inflated.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -8,7 +8,7 @@
 #include <algorithm>
 #include <random>
 
-using namespace usdlive::resolver;
+using namespace usdlive::fetch;
 using testing::HasSubstr;
 
 namespace {

@@ -8,9 +8,9 @@
 #include <string>
 #include <vector>
 
-#include "BodySink.h"
+#include "usdlive/common/fetch/BodySink.h"
 
-namespace usdlive::resolver {
+namespace usdlive::fetch {
 
 /// Receives a zstd frame in parts, and writes its content into another sink (AS5).
 class Inflated final : public BodySink {
@@ -36,4 +36,4 @@ private:
     bool isComplete_ = false;
 };
 
-}  // namespace usdlive::resolver
+}  // namespace usdlive::fetch

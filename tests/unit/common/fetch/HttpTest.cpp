@@ -1,0 +1,274 @@
+// Tests requests over HTTP against a server that sends prepared bytes.
+#include "usdlive/common/fetch/Http.h"
+
+#include <arpa/inet.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
+#include <zstd.h>
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <chrono>
+#include <mutex>
+#include <thread>
+
+#include "usdlive/common/core/Descriptor.h"
+#include "usdlive/common/core/Thread.h"
+
+using namespace usdlive;
+using namespace usdlive::fetch;
+using namespace std::chrono_literals;
+using testing::HasSubstr;
+
+namespace {
+
+/// A server on loopback. Answers the requests of each connection with prepared bytes, one text for
+/// each, and then closes it. An answer without text is none: the connection stays open.
+class Prepared {
+public:
+    using Answers = std::vector<std::string>;
+
+    explicit Prepared(std::vector<Answers> connections, std::size_t piece = std::string::npos)
+        : connections_(std::move(connections)),
+          piece_(piece),
+          socket_(::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0)) {
+        sockaddr_in place{};
+        place.sin_family = AF_INET;
+        place.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+        socklen_t size = sizeof place;
+        EXPECT_EQ(::bind(socket_.get(), reinterpret_cast<sockaddr*>(&place), size), 0);
+        EXPECT_EQ(::listen(socket_.get(), 8), 0);
+        ::getsockname(socket_.get(), reinterpret_cast<sockaddr*>(&place), &size);
+        origin = {"127.0.0.1", ntohs(place.sin_port)};
+        thread_ = startThread("test server", [this] { work(); });
+    }
+    ~Prepared() {
+        ::shutdown(socket_.get(), SHUT_RDWR);
+        const std::lock_guard lock(mutex_);
+        for (const int one : open_) ::shutdown(one, SHUT_RDWR);
+        isEnding_ = true;
+    }
+
+    /// The requests so far.
+    std::vector<std::string> requests() {
+        const std::lock_guard lock(mutex_);
+        return requests_;
+    }
+    HttpRequest request(const std::string& target = "/") const { return {origin, target}; }
+
+    Origin origin;
+
+private:
+    /// Joins the thread after everything else has ended.
+    struct Joined {
+        std::thread thread;
+        Joined& operator=(std::thread other) {
+            thread = std::move(other);
+            return *this;
+        }
+        ~Joined() { thread.join(); }
+    };
+
+    void work() {
+        for (const Answers& answers : connections_) {
+            const Descriptor line(::accept4(socket_.get(), nullptr, nullptr, SOCK_CLOEXEC));
+            if (!line) return;
+            {
+                const std::lock_guard lock(mutex_);
+                if (isEnding_) return;
+                open_ = {line.get()};
+            }
+            for (const std::string& answer : answers)
+                if (!serve(line.get(), answer)) break;
+            const std::lock_guard lock(mutex_);
+            open_.clear();
+        }
+    }
+
+    bool serve(int line, const std::string& answer) {
+        std::string request;
+        std::array<char, 4096> part{};
+        while (!request.ends_with("\r\n\r\n")) {
+            const ssize_t count = ::recv(line, part.data(), part.size(), 0);
+            if (count <= 0) return false;
+            request.append(part.data(), std::size_t(count));
+        }
+        {
+            const std::lock_guard lock(mutex_);
+            requests_.push_back(request);
+        }
+        if (answer.empty()) return ::recv(line, part.data(), part.size(), 0) > 0;
+        for (std::size_t at = 0; at < answer.size();) {
+            const std::size_t size = std::min(piece_, answer.size() - at);
+            if (::send(line, answer.data() + at, size, MSG_NOSIGNAL) <= 0) return false;
+            at += size;
+            if (piece_ != std::string::npos) std::this_thread::sleep_for(100us);
+        }
+        return true;
+    }
+
+    const std::vector<Answers> connections_;
+    const std::size_t piece_;
+    Joined thread_;
+    const Descriptor socket_;
+    std::mutex mutex_;  // guards the next members
+    std::vector<std::string> requests_;
+    std::vector<int> open_;
+    bool isEnding_ = false;
+};
+
+std::string ok(const std::string& body, const std::string& headers = "") {
+    return "HTTP/1.1 200 OK\r\n" + headers + "Content-Length: " + std::to_string(body.size()) +
+           "\r\n\r\n" + body;
+}
+
+const std::string kChunks =
+    "HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\n\r\n5\r\nhello\r\n6;a=b\r\n world\r\n"
+    "0\r\nTrailer: x\r\n\r\n";
+
+HttpLimits shortLimits() { return {200ms, 200ms, 200ms}; }
+
+}  // namespace
+
+TEST(Http, KeepsTheConnectionForTheNextRequest) {
+    Prepared server({{ok("one"), kChunks, ok("three")}});
+    HttpClient connection({});
+    EXPECT_EQ(connection.get(server.request("/1")).value().body, "one");
+    EXPECT_EQ(connection.get(server.request("/2")).value().body, "hello world");
+    EXPECT_EQ(connection.get(server.request("/3")).value().body, "three");
+    EXPECT_THAT(server.requests(),
+                testing::ElementsAre(HasSubstr("/1"), HasSubstr("/2"), HasSubstr("/3")));
+}
+
+TEST(Http, AsksAgainOnlyIfAKeptConnectionWasClosed) {
+    Prepared server({{ok("one")}, {ok("two"), "HTTP/1.1 2"}, {ok("never")}});
+    HttpClient connection({});
+    EXPECT_EQ(connection.get(server.request()).value().body, "one");
+    EXPECT_EQ(connection.get(server.request()).value().body, "two");
+    const auto begun = connection.get(server.request());
+    ASSERT_FALSE(begun) << begun->body;
+    EXPECT_THAT(begun.error().cause, HasSubstr("ended before the end"));
+    EXPECT_EQ(server.requests().size(), 3U);
+}
+
+TEST(Http, ReadsBodiesOfAllKindsInPiecesOfAnySize) {
+    for (const std::size_t piece : {std::size_t(1), std::size_t(7), std::string::npos}) {
+        Prepared server({{kChunks, "HTTP/1.0 200 OK\r\nETag: \"abc\"\r\n\r\nto the end"}, {ok("")}},
+                        piece);
+        HttpClient connection({});
+        EXPECT_EQ(connection.get(server.request()).value().body, "hello world");
+        const auto answer = connection.get(server.request());
+        EXPECT_EQ(answer.value().body, "to the end");
+        EXPECT_EQ(answer->etag(), "abc");
+        EXPECT_EQ(answer->header("etag"), "\"abc\"");
+        EXPECT_EQ(connection.get(server.request()).value().body, "");
+    }
+}
+
+TEST(Http, AS5InflatesABodyOfAnyKind) {
+    const std::string text(100'000, 'x');
+    std::string frame(ZSTD_compressBound(text.size()), '\0');
+    frame.resize(ZSTD_compress(frame.data(), frame.size(), text.data(), text.size(), 1));
+    Prepared server({{ok(frame, "Content-Encoding: zstd\r\n"),
+                      "HTTP/1.1 200 OK\r\nContent-Encoding: zstd\r\n\r\n" + frame},
+                     {ok(frame, "Content-Encoding: gzip\r\n")}});
+    HttpClient connection({});
+    HttpRequest request = server.request();
+    request.takesZstd = true;
+    EXPECT_EQ(connection.get(request).value().body, text);
+    EXPECT_EQ(connection.get(request).value().body, text);
+    EXPECT_THAT(server.requests()[0], HasSubstr("Accept-Encoding: zstd\r\n"));
+    EXPECT_THAT(connection.get(request).error().cause, HasSubstr("unknown encoding gzip"));
+}
+
+TEST(Http, ACutBodyIsAFailure) {
+    const std::string cut = ok("hello world");
+    Prepared server({{cut.substr(0, cut.size() - 1)}, {kChunks.substr(0, kChunks.size() - 30)}});
+    for (int count = 0; count < 2; ++count) {
+        const auto answer = get(server.request(), {});
+        ASSERT_FALSE(answer) << answer->body;
+        EXPECT_EQ(answer.error().cause, "the connection ended before the end");
+        EXPECT_FALSE(answer.error().isUnreachable);
+    }
+}
+
+TEST(Http, ABodyHasABound) {
+    HttpLimits limits;
+    limits.bodyBytes = 10;
+    Prepared server({{ok("0123456789")}, {ok("hello world")}, {kChunks}});
+    EXPECT_EQ(get(server.request(), limits).value().body, "0123456789");
+    for (int count = 0; count < 2; ++count)
+        EXPECT_THAT(get(server.request(), limits).error().cause, HasSubstr("more than 10 bytes"));
+}
+
+TEST(Http, AnErrorOfTheServerIsAnAnswer) {
+    const std::string large(100'000, 'x');
+    Prepared server({{"HTTP/1.1 404 Not Found\r\nContent-Length: 5\r\n\r\nnone\n"},
+                     {"HTTP/1.1 500 Error\r\nContent-Length: 100000\r\n\r\n" + large},
+                     {"HTTP/1.1 500 Error\r\n\r\n" + large},
+                     {"HTTP/1.1 304 Not Modified\r\nContent-Length: 5\r\n\r\n"}});
+    const auto none = get(server.request(), {});
+    EXPECT_EQ(none.value().status, 404U);
+    EXPECT_EQ(none->body, "none\n");
+    for (int count = 0; count < 2; ++count) {
+        const auto failed = get(server.request(), {});
+        EXPECT_EQ(failed.value().status, 500U);
+        EXPECT_EQ(failed->body, "");
+    }
+    EXPECT_EQ(get(server.request(), {}).value().status, 304U);
+}
+
+TEST(Http, ASilentServerIsUnreachableInTime) {
+    Prepared server({{""}, {"HTTP/1.1 200 OK\r\nContent-Length: 9\r\n\r\n", ""}, {""}});
+    HttpLimits limits = shortLimits();
+    const auto silent = get(server.request(), limits);
+    EXPECT_EQ(silent.error().cause, "no answer: it did not respond in time");
+    EXPECT_TRUE(silent.error().isUnreachable);
+    limits.whole = 100ms;
+    limits.answer = 1h;
+    EXPECT_EQ(get(server.request(), limits).error().cause, "no complete answer within 100 ms");
+    const auto late = get(server.request(), limits);
+    EXPECT_EQ(late.error().cause, "no answer: no complete answer within 100 ms");
+    EXPECT_TRUE(late.error().isUnreachable);
+}
+
+TEST(Http, ARefusedConnectionHasItsError) {
+    Origin origin;
+    {
+        Prepared server({});
+        origin = server.origin;
+    }
+    const auto answer = get({origin, "/"}, {});
+    EXPECT_EQ(answer.error().error, ECONNREFUSED);
+    EXPECT_EQ(answer.error().cause, "Connection refused");
+    EXPECT_TRUE(answer.error().isUnreachable);
+}
+
+TEST(Http, StopsWhenItIsAsked) {
+    Prepared server({{""}});
+    std::atomic<int> asked = 0;
+    const auto answer = get(server.request(), {}, [&] { return ++asked > 3; });
+    ASSERT_FALSE(answer);
+    EXPECT_EQ(answer.error().error, ECANCELED);
+    EXPECT_LT(asked, 10);
+}
+
+TEST(Http, ALineBreakIsNoPartOfARequest) {
+    Prepared server({{ok("never")}});
+    HttpRequest request = server.request("/a HTTP/1.1\r\nX: y");
+    EXPECT_THAT(get(request, {}).error().cause, HasSubstr("line break"));
+    request = server.request();
+    request.headers = {{"If-None-Match", "\"a\"\nX: y"}};
+    EXPECT_THAT(get(request, {}).error().cause, HasSubstr("line break"));
+    EXPECT_TRUE(server.requests().empty());
+}
+
+TEST(Origin, WritesItsUrl) {
+    EXPECT_EQ((Origin{"localhost", 7447}.url()), "http://localhost:7447");
+    EXPECT_EQ((Origin{"::1", 7447, true}.url()), "https://[::1]:7447");
+    EXPECT_EQ((Origin{"a.example", 443, true}.hostAndPort()), "a.example");
+    EXPECT_EQ((Origin{"a.example", 443}.hostAndPort()), "a.example:443");
+}
