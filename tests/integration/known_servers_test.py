@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import ssl
-import subprocess
 
 import pytest
+import usdlive
+from conftest import run
 from edf_museum_test import certificate
+from pxr import Ar
 from resolver_test import cache, plain  # fixtures
-from strange_servers_test import READ, Strange, head
+from strange_servers_test import READ, SHOT, Strange, head
 
 TOKEN = "a-token_of.ada"
 
@@ -46,9 +47,8 @@ def guarded(tmp_path):
 
 
 @pytest.fixture
-def know(tmp_path, monkeypatch):
+def know(tmp_path):
     """Returns a function that writes what this user knows about a server."""
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     file = tmp_path / "config" / "usdlive" / "servers.json"
     file.parent.mkdir(parents=True)
 
@@ -62,11 +62,6 @@ def know(tmp_path, monkeypatch):
 def pin(tmp_path):
     der = ssl.PEM_cert_to_DER_cert((tmp_path / "DNS-localhost.pem").read_text().partition("-----BEGIN PRIVATE")[0])
     return "sha256:" + hashlib.sha256(der).hexdigest()
-
-
-def ls(server):
-    return subprocess.run([os.environ["USDLIVE_BIN"], "ls", "--composed", f"ws://{server.name}", "shot.usda"],
-                          capture_output=True, text=True)
 
 
 def test_a_known_server_is_asked_over_tls_with_the_token(guarded, know, plain, tmp_path):
@@ -100,3 +95,26 @@ def test_a_file_with_tokens_that_others_can_read_is_not_used(guarded, know, plai
     file.chmod(0o644)
     said = plain(READ, guarded.url).value(60)["error"]
     assert f"chmod 600 {file}" in said, said
+
+
+@pytest.fixture
+def encrypted(serve, project):
+    (project / "shot.usda").write_bytes(SHOT)
+    (project / "t.png").write_bytes(b"texture")
+    return serve(project, "--tls", "auto")
+
+
+def test_the_files_of_a_live_stage_come_over_tls(encrypted, recwarn):
+    with usdlive.connect(encrypted.url, user="ada", application="test") as live:
+        stage = live.open_stage("shot.usda")
+        with Ar.ResolverContextBinder(stage.GetPathResolverContext()):
+            found = Ar.ResolvedPath(stage.GetAttributeAtPath("/A.t").Get().resolvedPath)
+            assert bytes(Ar.GetResolver().OpenAsset(found).GetBuffer()) == b"texture"
+    assert not [one for one in recwarn if "files of the project" in str(one.message)]
+
+
+def test_a_tool_that_reads_over_http_reads_over_tls(encrypted, plain):
+    assert "double x = 1" in run("flatten", encrypted.url, "shot.usda")
+    name = encrypted.url.partition("//")[2]
+    got = plain(READ, f"usdlive://{name}/shot.usda").value(60)
+    assert got["x"] == 1 and got["t"] == hashlib.sha256(b"texture").hexdigest(), got

@@ -32,7 +32,8 @@ Result<ListedProjects> listProjects(const ServerAddress& server,
     asked.layer.clear();
     fetch::HttpLimits limits{timeout, timeout, timeout, timeout};
     limits.bodyBytes = kMostBytes;
-    const auto answer = fetch::getFromServer({{asked.host, asked.port, asked.isSecure}, "/projects"}, limits);
+    const auto answer =
+        fetch::getFromServer({{asked.host, asked.port, asked.isSecure}, "/projects"}, limits);
     if (!answer)
         return fail(ErrorCode::NotConnected,
                     "cannot reach " + asked.url() + ": " + answer.error().cause);
