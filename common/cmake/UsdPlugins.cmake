@@ -12,8 +12,8 @@ if(NOT TARGET plugins)
 endif()
 
 # usdlive_usd_plugin(name SOURCES file... [LINK library...]): builds a plug-in with a library, from sources and
-# the plugInfo.json of the current folder. Libraries of ours are linked
-# statically, and the plug-in exports no symbols of its sources or of these.
+# the plugInfo.json of the current folder. Libraries of ours are linked statically, and the plug-in exports no symbols of
+# its sources or of these.
 function(usdlive_usd_plugin name)
     cmake_parse_arguments(ARG "" "" "SOURCES;LINK" ${ARGN})
     add_library(${name} MODULE ${ARG_SOURCES})
