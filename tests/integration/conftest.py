@@ -167,7 +167,6 @@ def _folders_of_its_own(tmp_path, tmp_path_factory, monkeypatch):
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     caches = tmp_path_factory.mktemp("caches")
     monkeypatch.setenv("USDLIVE_CACHE", str(caches / "files"))
-    monkeypatch.setenv("USDLIVE_EDF_CACHE", str(caches / "answers"))
 
 
 @pytest.fixture

@@ -47,7 +47,7 @@ def fresh(folder, code, *plugins, timeout=60, **environment):
     return Ran(subprocess.run(
         [sys.executable, "-c", full], text=True, capture_output=True, cwd=folder, timeout=timeout,
         env={**inherited, "PXR_PLUGINPATH_NAME": plugin_path(*plugins), "EDF_TEST_LOG": str(folder / "calls"),
-             "USDLIVE_EDF_CACHE": str(folder / "cache"), **environment}))
+             "USDLIVE_CACHE": str(folder / "cache"), **environment}))
 
 
 def calls(folder):

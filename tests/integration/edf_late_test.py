@@ -51,7 +51,7 @@ def shown(name, content="", asset="anon:edf:content.edf", **arguments):
 def people(project, serve, editor, monkeypatch, museum):
     """people(prims) returns ada, who has no service and so never waits, and bo, who has the slow one."""
     monkeypatch.setenv("PXR_PLUGINPATH_NAME", plugin_path())
-    monkeypatch.setenv("USDLIVE_EDF_CACHE_MIB", "0")
+    monkeypatch.setenv("USDLIVE_EDF_CACHE", "0")
     monkeypatch.setenv("USDLIVE_EDF_REQUEST_SECONDS", "3")
 
     def start(*prims):

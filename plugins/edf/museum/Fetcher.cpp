@@ -41,7 +41,7 @@ std::int64_t freshSeconds(std::string_view cacheControl) {
 // All requests of one Fetcher::get().
 class Download {
 public:
-    Download(const Address& address, const FetchLimits& limits, DiskCache* cache,
+    Download(const Address& address, const FetchLimits& limits, AnswerCache* cache,
              const std::vector<std::string>& targets, const std::function<bool()>& isCancelled)
         : address_(address),
           limits_(limits),
@@ -164,7 +164,7 @@ private:
 
     const Address& address_;
     const FetchLimits& limits_;
-    DiskCache* const cache_;
+    AnswerCache* const cache_;
     const std::vector<std::string>& targets_;
     const std::function<bool()>& isCancelled_;
     std::mutex mutex_;  // guards the next members
@@ -177,7 +177,7 @@ private:
 
 }  // namespace
 
-Fetcher::Fetcher(Address address, FetchLimits limits, DiskCache* cache)
+Fetcher::Fetcher(Address address, FetchLimits limits, AnswerCache* cache)
     : address_(std::move(address)), limits_(limits), cache_(cache) {}
 
 Fetcher::Result Fetcher::get(const std::vector<std::string>& targets,

@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "Address.h"
-#include "DiskCache.h"
+#include "AnswerCache.h"
 #include "usdlive/common/fetch/Fetched.h"
 
 namespace usdlive::edf::museum {
@@ -36,7 +36,7 @@ public:
     };
 
     /// `cache` may be null; it outlives the fetcher.
-    Fetcher(Address address, FetchLimits limits, DiskCache* cache);
+    Fetcher(Address address, FetchLimits limits, AnswerCache* cache);
 
     /// Gets the targets, paths below the address with a leading slash, all of which differ.
     /// Returns early, with errors for the rest, when `isCancelled` (asked every 50 ms, by several
@@ -47,7 +47,7 @@ public:
 private:
     const Address address_;
     const FetchLimits limits_;
-    DiskCache* const cache_;
+    AnswerCache* const cache_;
 };
 
 }  // namespace usdlive::edf::museum

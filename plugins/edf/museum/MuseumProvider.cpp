@@ -11,9 +11,9 @@
 // The service has three routes below its address: /departments, /objects?departmentIds=ID,
 // /objects/ID.
 //
-// Environment: USDLIVE_EDF_MUSEUM_URL, USDLIVE_EDF_ALLOWED_HOSTS, USDLIVE_EDF_CACHE (a folder),
-// USDLIVE_EDF_CACHE_MIB (256; 0 turns the cache off), USDLIVE_EDF_REQUEST_SECONDS (15, for one
-// answer).
+// Environment: USDLIVE_EDF_MUSEUM_URL, USDLIVE_EDF_ALLOWED_HOSTS, USDLIVE_CACHE (a folder),
+// USDLIVE_CACHE_MIB, USDLIVE_EDF_CACHE ("0": answers are not cached), USDLIVE_EDF_REQUEST_SECONDS
+// (15, for one answer).
 #include <pxr/base/tf/getenv.h>
 #include <pxr/base/tf/stringUtils.h>
 #include <pxr/usd/sdf/listOp.h>
@@ -26,8 +26,8 @@
 #include <set>
 #include <stdexcept>
 
+#include "AnswerCache.h"
 #include "Collection.h"
-#include "DiskCache.h"
 #include "Fetcher.h"
 #include "usdlive/edf/DataProvider.h"
 
@@ -78,14 +78,10 @@ Options optionsOf(const EdfArguments& arguments) {
 
 // One cache for the process, because all payloads share the folder and its bound. It is never
 // destroyed: a read that nobody waits for may use it while the process exits.
-museum::DiskCache* sharedCache() {
-    static museum::DiskCache* const cache = []() -> museum::DiskCache* {
-        const int mebibytes = pxr::TfGetenvInt("USDLIVE_EDF_CACHE_MIB", 256);
-        if (mebibytes <= 0) return nullptr;
-        return new museum::DiskCache(museum::DiskCache::defaultFolder(), std::uintmax_t(mebibytes)
-                                                                             << 20);
-    }();
-    return cache;
+museum::AnswerCache* sharedCache() {
+    if (pxr::TfGetenv("USDLIVE_EDF_CACHE") == "0") return nullptr;
+    static auto& cache = *new museum::AnswerCache;
+    return &cache;
 }
 
 museum::FetchLimits limitsFor(std::size_t bodyBytes) {

@@ -194,7 +194,7 @@ StoppableRequests::~StoppableRequests() { stopsHere = nullptr; }
 // ---- RemoteProject
 
 RemoteProject::RemoteProject(std::string host, std::uint16_t port, std::string name,
-                             std::string prefix, HttpLimits limits, Cache& cache)
+                             std::string prefix, HttpLimits limits, HashCache& cache)
     : host_(std::move(host)),
       port_(port),
       name_(std::move(name)),
@@ -379,7 +379,7 @@ Fetched<OpenFile> RemoteProject::openFile(const std::string& path, const std::st
 // ---- Remotes
 
 Remotes::Remotes()
-    : cache(Cache::optionsFromEnvironment()),
+    : cache(HashCache::optionsFromEnvironment()),
       user_(environment("USDLIVE_USER", environment("USER"))),
       limits_(limitsFromEnvironment()),
       allowedHosts_(allowedHosts()) {}

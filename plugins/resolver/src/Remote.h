@@ -12,11 +12,18 @@
 #include <unordered_map>
 #include <vector>
 
-#include "Cache.h"
 #include "Url.h"
+#include "usdlive/common/fetch/HashCache.h"
 #include "usdlive/common/fetch/UsdliveServer.h"
 
 namespace usdlive::resolver {
+
+using fetch::BodySink;
+using fetch::failed;
+using fetch::Failure;
+using fetch::Fetched;
+using fetch::HashCache;
+using fetch::OpenFile;
 
 /// A file of a project at one moment.
 struct Entry {
@@ -43,7 +50,7 @@ using SnapshotPtr = std::shared_ptr<const Snapshot>;
 class RemoteProject {
 public:
     RemoteProject(std::string host, std::uint16_t port, std::string name, std::string prefix,
-                  fetch::HttpLimits limits, Cache& cache);
+                  fetch::HttpLimits limits, HashCache& cache);
 
     [[nodiscard]] const std::string& name() const { return name_; }
     /// True if addresses name the project, because the server has several.
@@ -113,7 +120,7 @@ private:
     const std::string name_, prefix_, origin_;
     const fetch::HttpLimits limits_;
     const bool takesZstd_;
-    Cache& cache_;
+    HashCache& cache_;
 
     std::mutex asking_;         // held while the server is asked, so that it is asked once
     mutable std::mutex mutex_;  // guards the next members
@@ -151,7 +158,7 @@ public:
     [[nodiscard]] bool refresh();
     [[nodiscard]] const std::string& user() const { return user_; }
 
-    Cache cache;
+    HashCache cache;
 
 private:
     struct Server {

@@ -1,5 +1,5 @@
 // Keeps fetched files on the disk.
-#include "Cache.h"
+#include "usdlive/common/fetch/HashCache.h"
 
 #include <fcntl.h>
 #include <sys/file.h>
@@ -29,7 +29,7 @@
 #include "usdlive/common/core/Sha256.h"
 #include "usdlive/common/core/Thread.h"
 
-namespace usdlive::resolver {
+namespace usdlive::fetch {
 
 namespace fs = std::filesystem;
 using std::chrono::milliseconds;
@@ -39,7 +39,7 @@ namespace {
 
 constexpr std::uint64_t kMib = 1024 * 1024;
 constexpr std::uint64_t kDefaultMib = 10 * 1024;
-constexpr std::size_t kReadBytes = 1024 * 1024, kPartBytes = 512 * 1024;
+constexpr std::size_t kHashedPartBytes = 1024 * 1024, kArrivingBytes = 512 * 1024;
 // The use of a file is noted at most this often.
 constexpr std::int64_t kNotedSeconds = 600;
 // The time to wait while another process fetches the same file. After it the file is fetched twice,
@@ -75,7 +75,7 @@ std::int64_t startOfTheMachine() {
 /// Returns nothing if `goesOn` has returned false before the end.
 std::optional<bool> hasHash(const Descriptor& file, const std::string& hash, auto goesOn) {
     Sha256 digest;
-    std::vector<std::uint8_t> part(kReadBytes);
+    std::vector<std::uint8_t> part(kHashedPartBytes);
     for (std::uint64_t at = 0;;) {
         if (!goesOn()) return std::nullopt;
         const auto count = readPart(file, at, part);
@@ -140,8 +140,8 @@ Descriptor openFile(const fs::path& path) {
 }
 
 /// Returns the content of a key's file. Another key's, or a damaged one, is not like it.
-std::string sealed(const std::string& key, const std::string& hash) {
-    return hash + " " + hashOf(key + hash).substr(0, kSealDigits);
+std::string sealed(const std::string& key, const std::string& hash, const std::string& note) {
+    return hash + " " + hashOf(key + hash + note).substr(0, kSealDigits) + "\n" + note;
 }
 
 bool isHash(const std::string& text) {
@@ -154,7 +154,7 @@ bool isHash(const std::string& text) {
 // ---- Lock
 
 /// A lock between threads and processes. It ends with the process that holds it.
-class Cache::Lock {
+class HashCache::Lock {
 public:
     Lock(const fs::path& path, milliseconds time)
         : file_(::open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0600)) {
@@ -176,9 +176,9 @@ private:
 // ---- Checks
 
 /// Hashes the large files of the cache, and gives them the names under which all find them.
-class Cache::Checks {
+class HashCache::Checks {
 public:
-    explicit Checks(const Cache& cache) : cache_(cache) {}
+    explicit Checks(const HashCache& cache) : cache_(cache) {}
     ~Checks() {
         stop();
         const std::lock_guard lock(running().mutex);
@@ -320,7 +320,7 @@ private:
         return isNamed;
     }
 
-    const Cache& cache_;
+    const HashCache& cache_;
     std::thread thread_;        // started with the first file
     mutable std::mutex mutex_;  // guards the next members
     std::condition_variable changed_;
@@ -334,7 +334,7 @@ private:
 
 /// Files for which the folder has no room. A stage that reads a file late opens it again after it
 /// has come, so it must be found until then.
-class Cache::Memory {
+class HashCache::Memory {
 public:
     /// Keeps the content of `file`, which is hashed. The oldest files are dropped.
     void add(const std::string& hash, const Descriptor& file, std::uint64_t bytes) {
@@ -412,9 +412,9 @@ private:
 
 /// A file that arrives. It is in memory if the cache folder takes no more. The destructor removes
 /// what is not complete.
-class Cache::NewFile final : public BodySink {
+class HashCache::NewFile final : public BodySink {
 public:
-    NewFile(Cache& cache, std::string origin)
+    NewFile(HashCache& cache, std::string origin)
         : cache_(cache), origin_(std::move(origin)), file_(cache.newFile(name_)) {
         isOnDisk_ = bool(file_);
         if (isOnDisk_)
@@ -427,7 +427,7 @@ public:
         if (isOnDisk_) ::unlink(name_.c_str());
     }
 
-    std::span<char> space() override { return {part_.get(), kPartBytes}; }
+    std::span<char> space() override { return {part_.get(), kArrivingBytes}; }
 
     std::string add(std::size_t size) override {
         cache_.checks_->wait();
@@ -479,7 +479,7 @@ private:
     bool moveToMemory(std::uint64_t size) {
         cache_.report(std::string("takes no more: ") + std::strerror(errno));
         Descriptor memory(::memfd_create("usdlive", MFD_CLOEXEC));
-        std::vector<std::uint8_t> part(kReadBytes);
+        std::vector<std::uint8_t> part(kHashedPartBytes);
         for (std::uint64_t at = 0; at < size;) {
             const auto count = readPart(
                 file_, at, std::span(part).first(std::min<std::uint64_t>(part.size(), size - at)));
@@ -492,26 +492,26 @@ private:
         return true;
     }
 
-    Cache& cache_;
+    HashCache& cache_;
     const std::string origin_;
     std::string name_;
     Descriptor file_;
     bool isOnDisk_ = false;  // and has no other name yet
     std::uint64_t size_ = 0;
     // Not filled with zeros: most files use little of it.
-    const std::unique_ptr<char[]> part_ = std::make_unique_for_overwrite<char[]>(kPartBytes);
+    const std::unique_ptr<char[]> part_ = std::make_unique_for_overwrite<char[]>(kArrivingBytes);
     Sha256 digest_;  // the first kHashedAtOnce bytes
 };
 
 // ---- Cache
 
-Cache::Stamp::Stamp(const struct stat& file)
+HashCache::Stamp::Stamp(const struct stat& file)
     : device(file.st_dev),
       number(file.st_ino),
       size(std::uint64_t(file.st_size)),
       times{file.st_mtim.tv_sec, file.st_mtim.tv_nsec, file.st_ctim.tv_sec, file.st_ctim.tv_nsec} {}
 
-Cache::Options Cache::optionsFromEnvironment() {
+HashCache::Options HashCache::optionsFromEnvironment() {
     const auto variable = [](const char* name) -> std::string {
         const char* value = std::getenv(name);
         return value ? value : "";
@@ -532,7 +532,7 @@ Cache::Options Cache::optionsFromEnvironment() {
 }
 
 // The size is checked when the first file is added.
-Cache::Cache(Options options)
+HashCache::HashCache(Options options)
     : options_(std::move(options)),
       added_(options_.maxBytes),
       checks_(std::make_unique<Checks>(*this)),
@@ -540,14 +540,14 @@ Cache::Cache(Options options)
     static_cast<void>(makeFolders());  // newFile() tries it again
 }
 
-std::error_code Cache::makeFolders() const {
+std::error_code HashCache::makeFolders() const {
     std::error_code error;
     for (const char* part : {"files", "keys", "locks", "new", "unchecked"})
         if (!error) fs::create_directories(options_.folder / part, error);
     return error;
 }
 
-Descriptor Cache::newFile(std::string& name) const {
+Descriptor HashCache::newFile(std::string& name) const {
     const auto create = [&] {
         name = (options_.folder / "new" / "XXXXXX").string();
         return Descriptor(::mkostemp(name.data(), O_CLOEXEC));
@@ -561,18 +561,18 @@ Descriptor Cache::newFile(std::string& name) const {
     return create();
 }
 
-Cache::~Cache() = default;
+HashCache::~HashCache() = default;
 
-fs::path Cache::pathOf(const std::string& hash) const {
+fs::path HashCache::pathOf(const std::string& hash) const {
     return options_.folder / "files" / hash.substr(0, 2) / hash;
 }
 
-fs::path Cache::uncheckedPathOf(const std::string& origin, const std::string& hash) const {
+fs::path HashCache::uncheckedPathOf(const std::string& origin, const std::string& hash) const {
     return options_.folder / "unchecked" / hashOf(origin).substr(0, kOriginDigits) / hash;
 }
 
 /// Opens a file of the cache, and notes that it is used. Removes a file with another content.
-OpenFile Cache::openAt(const fs::path& path, const std::string& hash) {
+OpenFile HashCache::openAt(const fs::path& path, const std::string& hash) {
     Descriptor file = openFile(path);
     struct stat found{};
     if (!file || ::fstat(file.get(), &found) != 0) return noFile();
@@ -591,7 +591,8 @@ OpenFile Cache::openAt(const fs::path& path, const std::string& hash) {
 
 /// Returns whether the file has its content without hashing it. A small file is hashed once in each
 /// process: a damaged disk does not change the time of a file.
-bool Cache::isKnown(const fs::path& path, const struct stat& found, const std::string& hash) const {
+bool HashCache::isKnown(const fs::path& path, const struct stat& found,
+                        const std::string& hash) const {
     if (checks_->isTrusted(path)) return isOfThisStart(found);
     {
         const std::lock_guard lock(mutex_);
@@ -602,14 +603,14 @@ bool Cache::isKnown(const fs::path& path, const struct stat& found, const std::s
            isMarked(found, hash);
 }
 
-void Cache::noteHashed(const Descriptor& file, const std::string& hash) {
+void HashCache::noteHashed(const Descriptor& file, const std::string& hash) {
     struct stat found{};
     if (::fstat(file.get(), &found) != 0) return;
     const std::lock_guard lock(mutex_);
     hashed_.insert_or_assign(hash, Stamp(found));
 }
 
-OpenFile Cache::find(const std::string& origin, const std::string& hash) {
+OpenFile HashCache::find(const std::string& origin, const std::string& hash) {
     if (auto file = memory_->find(hash)) return file;
     if (auto file = openAt(pathOf(hash), hash)) return file;
     const fs::path path = uncheckedPathOf(origin, hash);
@@ -621,7 +622,7 @@ OpenFile Cache::find(const std::string& origin, const std::string& hash) {
     return checks_->isTrusted(path) ? openAt(path, hash) : noFile();
 }
 
-bool Cache::isReady(const std::string& origin, const std::string& hash) const {
+bool HashCache::isReady(const std::string& origin, const std::string& hash) const {
     const auto isReadyAt = [&](const fs::path& path) {
         struct stat found{};
         return ::stat(path.c_str(), &found) == 0 && S_ISREG(found.st_mode) &&
@@ -632,13 +633,13 @@ bool Cache::isReady(const std::string& origin, const std::string& hash) const {
     return isReadyAt(pathOf(hash)) || (checks_->isTrusted(unchecked) && isReadyAt(unchecked));
 }
 
-bool Cache::isKeyedReady(const std::string& origin, const std::string& key) const {
+bool HashCache::isKeyedReady(const std::string& origin, const std::string& key) const {
     const std::string hash = readKey(hashOf(key));
     return !hash.empty() && isReady(origin, hash);
 }
 
-Fetched<OpenFile> Cache::file(const std::string& origin, const std::string& hash,
-                              const Download& download) {
+Fetched<OpenFile> HashCache::file(const std::string& origin, const std::string& hash,
+                                  const Download& download) {
     if (auto found = find(origin, hash)) return found;
     // Files share a few thousand locks, so that no folder of locks grows.
     const Lock lock(options_.folder / "locks" / hash.substr(0, 3), kLockTime);
@@ -648,76 +649,129 @@ Fetched<OpenFile> Cache::file(const std::string& origin, const std::string& hash
     return std::move(fetched->first);
 }
 
-OpenFile Cache::findKeyed(const std::string& origin, const std::string& key) {
+OpenFile HashCache::findKeyed(const std::string& origin, const std::string& key) {
     return findNamed(origin, hashOf(key));
 }
 
-OpenFile Cache::findNamed(const std::string& origin, const std::string& name) {
+OpenFile HashCache::findNamed(const std::string& origin, const std::string& name) {
     const std::string hash = readKey(name);
     return hash.empty() ? noFile() : find(origin, hash);
 }
 
-Fetched<OpenFile> Cache::keyedFile(const std::string& origin, const std::string& key,
-                                   const Download& download) {
+Fetched<OpenFile> HashCache::keyedFile(const std::string& origin, const std::string& key,
+                                       const Download& download) {
     const std::string name = hashOf(key);
     if (auto found = findNamed(origin, name)) return found;
     const Lock lock(options_.folder / "locks" / name.substr(0, 3), kLockTime);
     if (auto found = findNamed(origin, name)) return found;
     auto fetched = fetch(origin, "", download);
     if (!fetched) return tl::unexpected(fetched.error());
-    writeKey(name, fetched->second);
+    if (!writeKey(name, fetched->second)) memory_->addKey(name, fetched->second);
     return std::move(fetched->first);
 }
 
 /// `hash` may be empty: it is then the one that the server names. Returns the hash with the file.
-Fetched<std::pair<OpenFile, std::string>> Cache::fetch(const std::string& origin,
-                                                       const std::string& hash,
-                                                       const Download& download) {
+Fetched<std::pair<OpenFile, std::string>> HashCache::fetch(const std::string& origin,
+                                                           const std::string& hash,
+                                                           const Download& download) {
     NewFile file(*this, origin);
     const auto named = download(file);
     if (!named) return tl::unexpected(named.error());
     return file.keep(hash, *named);
 }
 
-std::string Cache::readKey(const std::string& key) const {
-    if (std::string kept = memory_->hashOf(key); !kept.empty()) return kept;
-    std::array<std::uint8_t, kHashDigits + 1 + kSealDigits> bytes{};
-    const Descriptor file = openFile(options_.folder / "keys" / key.substr(0, 2) / key);
-    if (!file || !readPart(file, 0, bytes)) return "";
-    const std::string line(bytes.begin(), bytes.end()), hash = line.substr(0, kHashDigits);
-    return isHash(hash) && line == sealed(key, hash) ? hash : "";
+fs::path HashCache::keyPathOf(const std::string& name) const {
+    return options_.folder / "keys" / name.substr(0, 2) / name;
 }
 
-void Cache::writeKey(const std::string& key, const std::string& hash) {
+std::string HashCache::readKey(const std::string& key, std::string* note) const {
+    if (std::string kept = memory_->hashOf(key); !kept.empty()) return kept;
+    constexpr std::size_t kLineBytes = kHashDigits + 1 + kSealDigits + 1;
+    std::array<std::uint8_t, kLineBytes + kMostNoteBytes> bytes;
+    const Descriptor file = openFile(keyPathOf(key));
+    const auto count = file ? readPart(file, 0, bytes) : std::nullopt;
+    if (!count || *count < kLineBytes) return "";
+    const std::string line(bytes.begin(), bytes.begin() + std::ptrdiff_t(*count));
+    const std::string hash = line.substr(0, kHashDigits), found = line.substr(kLineBytes);
+    if (!isHash(hash) || line != sealed(key, hash, found)) return "";
+    if (note) *note = found;
+    return hash;
+}
+
+bool HashCache::writeKey(const std::string& key, const std::string& hash, const std::string& note) {
     std::string name;
     const Descriptor file = newFile(name);
-    if (!file) return memory_->addKey(key, hash);
+    if (!file) return false;
     ::flock(file.get(), LOCK_EX | LOCK_NB);
     std::error_code error;
-    const fs::path folder = options_.folder / "keys" / key.substr(0, 2);
-    fs::create_directories(folder, error);
-    const std::string line = sealed(key, hash) + "\n";
+    const fs::path path = keyPathOf(key);
+    fs::create_directories(path.parent_path(), error);
+    const std::string line = sealed(key, hash, note);
     if (writeAll(file.get(), line.data(), line.size()) &&
-        ::rename(name.c_str(), (folder / key).c_str()) == 0)
-        return;
+        ::rename(name.c_str(), path.c_str()) == 0) {
+        added(line.size());
+        return true;
+    }
     ::unlink(name.c_str());
-    memory_->addKey(key, hash);
+    return false;
 }
 
-void Cache::report(const std::string& problem) {
+std::optional<HashCache::Noted> HashCache::noted(const std::string& key) {
+    Noted noted;
+    const std::string hash = readKey(hashOf(key), &noted.note);
+    const OpenFile file = hash.empty() ? noFile() : openAt(pathOf(hash), hash);
+    struct stat found{};
+    if (!file || ::fstat(::fileno(file.get()), &found) != 0) return std::nullopt;
+    noted.content.resize(std::size_t(found.st_size));
+    if (std::fread(noted.content.data(), 1, noted.content.size(), file.get()) !=
+        noted.content.size())
+        return std::nullopt;
+    return noted;
+}
+
+void HashCache::note(const std::string& key, const Noted& noted) {
+    if (noted.note.size() > kMostNoteBytes) return;
+    const std::string hash = hashOf(noted.content);
+    if (!openAt(pathOf(hash), hash) && !keepBytes(hash, noted.content)) return;
+    (void)writeKey(hashOf(key), hash, noted.note);
+}
+
+/// Returns false if the folder takes no more.
+bool HashCache::keepBytes(const std::string& hash, const std::string& content) {
+    std::string name;
+    const Descriptor file = newFile(name);
+    if (!file) return false;
+    ::flock(file.get(), LOCK_EX | LOCK_NB);
+    std::error_code error;
+    const fs::path path = pathOf(hash);
+    fs::create_directories(path.parent_path(), error);
+    if (writeAll(file.get(), content.data(), content.size())) {
+        mark(file, hash);
+        if (::rename(name.c_str(), path.c_str()) == 0) {
+            added(content.size());
+            return true;
+        }
+    }
+    ::unlink(name.c_str());
+    return false;
+}
+
+void HashCache::forget(const std::string& key) { ::unlink(keyPathOf(hashOf(key)).c_str()); }
+
+void HashCache::report(const std::string& problem) {
     std::call_once(reported_, [&] {
         if (onProblem) onProblem("the cache " + options_.folder.string() + " " + problem);
     });
 }
 
-void Cache::added(std::uint64_t bytes) {
+void HashCache::added(std::uint64_t bytes) {
     constexpr std::uint64_t kChecks = 16;  // until as much as the limit was added
     if ((added_ += bytes) < options_.maxBytes / kChecks) return;
     added_ = 0;
     removeOldFiles();
 }
 
-void Cache::removeOldFiles() {
+void HashCache::removeOldFiles() {
     const Lock lock(options_.folder / "locks" / "sweep", milliseconds(0));
     if (!lock.isHeld()) return;
     std::error_code error;
@@ -750,4 +804,4 @@ void Cache::removeOldFiles() {
     }
 }
 
-}  // namespace usdlive::resolver
+}  // namespace usdlive::fetch

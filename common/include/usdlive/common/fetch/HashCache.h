@@ -1,4 +1,4 @@
-// Files of projects on the local disk, by the SHA-256 of their content, shared by all processes of
+// Files on the local disk, by the SHA-256 of their content, shared by all processes of
 // a user.
 #pragma once
 
@@ -24,12 +24,7 @@ namespace usdlive {
 class Descriptor;
 }
 
-namespace usdlive::resolver {
-
-using fetch::BodySink;
-using fetch::failed;
-using fetch::Failure;
-using fetch::Fetched;
+namespace usdlive::fetch {
 
 /// An open file. It can be read to its end, whatever happens to the cache.
 using OpenFile = std::unique_ptr<std::FILE, int (*)(std::FILE*)>;
@@ -47,7 +42,7 @@ using OpenFile = std::unique_ptr<std::FILE, int (*)(std::FILE*)>;
 ///   file with a wrong content is removed and fetched again.
 /// If the folder cannot be written, or is full, this process keeps files in memory: the newest
 /// ones, and those that are open. If it was removed, it is created again.
-class Cache {
+class HashCache {
 public:
     struct Options {
         std::filesystem::path folder;
@@ -58,8 +53,8 @@ public:
     /// USDLIVE_CACHE_MIB.
     [[nodiscard]] static Options optionsFromEnvironment();
 
-    explicit Cache(Options options);
-    ~Cache();
+    explicit HashCache(Options options);
+    ~HashCache();
 
     /// Writes the content into the sink. Returns the SHA-256 that the server names, or why there is
     /// none.
@@ -85,6 +80,17 @@ public:
     [[nodiscard]] OpenFile findKeyed(const std::string& origin, const std::string& key);
     /// Returns whether findKeyed() finds it without hashing more than kHashedAtOnce.
     [[nodiscard]] bool isKeyedReady(const std::string& origin, const std::string& key) const;
+
+    /// A content that belongs to a key until another one is stored, and what is noted about it.
+    struct Noted {
+        std::string content, note;
+    };
+    static constexpr std::size_t kMostNoteBytes = 4 * 1024;
+    /// Returns what was stored last, if it is here.
+    [[nodiscard]] std::optional<Noted> noted(const std::string& key);
+    /// Stores it. Does nothing if the note is too long, or the folder takes no more.
+    void note(const std::string& key, const Noted& noted);
+    void forget(const std::string& key);
 
     /// Called by any thread when a large file from this origin was removed, because it has another
     /// content. It may have been used.
@@ -116,8 +122,12 @@ private:
                                                                   const Download& download);
     // By the hash of a key.
     [[nodiscard]] OpenFile findNamed(const std::string& origin, const std::string& name);
-    [[nodiscard]] std::string readKey(const std::string& name) const;
-    void writeKey(const std::string& name, const std::string& hash);
+    [[nodiscard]] std::string readKey(const std::string& name, std::string* note = nullptr) const;
+    /// Returns false if the folder takes no more.
+    [[nodiscard]] bool writeKey(const std::string& name, const std::string& hash,
+                                const std::string& note = {});
+    [[nodiscard]] std::filesystem::path keyPathOf(const std::string& name) const;
+    [[nodiscard]] bool keepBytes(const std::string& hash, const std::string& content);
     void report(const std::string& problem);
     void added(std::uint64_t bytes);
     void removeOldFiles();
@@ -134,4 +144,4 @@ private:
     std::unordered_map<std::string, Stamp> hashed_;  // by hash: files that this process has hashed
 };
 
-}  // namespace usdlive::resolver
+}  // namespace usdlive::fetch

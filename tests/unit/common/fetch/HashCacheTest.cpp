@@ -1,5 +1,5 @@
 // Tests the cache of fetched files, which processes share.
-#include "Cache.h"
+#include "usdlive/common/fetch/HashCache.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -17,7 +17,7 @@
 #include "unit/SmallDisk.h"
 #include "usdlive/common/core/Hash.h"
 
-using namespace usdlive::resolver;
+using namespace usdlive::fetch;
 using testing::HasSubstr;
 using usdlive::test::SmallDisk;
 namespace fs = std::filesystem;
@@ -47,15 +47,15 @@ std::string read(const OpenFile& file) {
     return text;
 }
 
-class CacheTest : public testing::Test {
+class HashCacheTest : public testing::Test {
 protected:
-    CacheTest() {
+    HashCacheTest() {
         char name[] = "/tmp/usdlive-cache-XXXXXX";
         folder = mkdtemp(name);
     }
-    ~CacheTest() override { fs::remove_all(folder); }
+    ~HashCacheTest() override { fs::remove_all(folder); }
 
-    Cache::Download downloadOf(const std::string& text) {
+    HashCache::Download downloadOf(const std::string& text) {
         return [this, text](BodySink& sink) -> Fetched<std::string> {
             ++downloads;
             const std::size_t half = text.size() / 2;
@@ -64,7 +64,7 @@ protected:
             return hashOfText(text);
         };
     }
-    std::string get(Cache& cache, const std::string& text) {
+    std::string get(HashCache& cache, const std::string& text) {
         const auto file = cache.file(kOrigin, hashOfText(text), downloadOf(text));
         return file ? read(*file) : "failed: " + file.error().cause;
     }
@@ -98,8 +98,8 @@ constexpr std::uint64_t kPlenty = 1 << 30;
 
 }  // namespace
 
-TEST_F(CacheTest, FetchesAFileOnce) {
-    Cache cache({folder, kPlenty}), other({folder, kPlenty});
+TEST_F(HashCacheTest, FetchesAFileOnce) {
+    HashCache cache({folder, kPlenty}), other({folder, kPlenty});
     EXPECT_EQ(get(cache, "brick"), "brick");
     EXPECT_EQ(get(cache, "brick"), "brick");
     EXPECT_EQ(get(other, "brick"), "brick");
@@ -108,20 +108,20 @@ TEST_F(CacheTest, FetchesAFileOnce) {
     EXPECT_EQ(count("new"), 0U);
 }
 
-TEST_F(CacheTest, FindsAFileByAKey) {
-    Cache cache({folder, kPlenty});
+TEST_F(HashCacheTest, FindsAFileByAKey) {
+    HashCache cache({folder, kPlenty});
     EXPECT_EQ(read(*cache.keyedFile(kOrigin, "12-ab/shot.usda", downloadOf("#usda"))), "#usda");
-    EXPECT_EQ(
-        read(*Cache({folder, kPlenty}).keyedFile(kOrigin, "12-ab/shot.usda", downloadOf("other"))),
-        "#usda");
+    EXPECT_EQ(read(*HashCache({folder, kPlenty})
+                        .keyedFile(kOrigin, "12-ab/shot.usda", downloadOf("other"))),
+              "#usda");
     EXPECT_FALSE(cache.isKeyedReady(kOrigin, "13-cd/shot.usda"));
     EXPECT_EQ(read(*cache.keyedFile(kOrigin, "13-cd/shot.usda", downloadOf("other"))), "other");
     EXPECT_TRUE(cache.isKeyedReady(kOrigin, "13-cd/shot.usda"));
     EXPECT_EQ(downloads, 2);
 }
 
-TEST_F(CacheTest, KeepsNothingThatHasAnotherContent) {
-    Cache cache({folder, kPlenty});
+TEST_F(HashCacheTest, KeepsNothingThatHasAnotherContent) {
+    HashCache cache({folder, kPlenty});
     const auto file = cache.file(kOrigin, hashOfText("expected"), downloadOf("changed"));
     ASSERT_FALSE(file);
     EXPECT_THAT(file.error().cause, HasSubstr("changed while"));
@@ -135,9 +135,9 @@ TEST_F(CacheTest, KeepsNothingThatHasAnotherContent) {
 }
 
 // It is of use at once, but only for its process and origin.
-TEST_F(CacheTest, ALargeFileIsHashedLater) {
+TEST_F(HashCacheTest, ALargeFileIsHashedLater) {
     const std::string large(3 << 20, 'x');
-    Cache cache({folder, kPlenty});
+    HashCache cache({folder, kPlenty});
     EXPECT_EQ(get(cache, large), large);
     EXPECT_EQ(get(cache, large), large);
     EXPECT_EQ(downloads, 1);
@@ -148,10 +148,10 @@ TEST_F(CacheTest, ALargeFileIsHashedLater) {
     EXPECT_EQ(filesIn("new"), 0U);
 }
 
-TEST_F(CacheTest, ALargeFileThatAProcessHasLeftIsHashedBeforeItIsUsed) {
+TEST_F(HashCacheTest, ALargeFileThatAProcessHasLeftIsHashedBeforeItIsUsed) {
     const std::string large(3 << 20, 'x'), changed(3 << 20, 'y');
     const auto leave = [&](const std::string& text) {
-        Cache cache({folder, kPlenty});
+        HashCache cache({folder, kPlenty});
         EXPECT_TRUE(cache.file(kOrigin, hashOfText(large), [&](BodySink& sink) {
             (void)put(sink, text);
             return Fetched<std::string>(hashOfText(large));
@@ -159,7 +159,7 @@ TEST_F(CacheTest, ALargeFileThatAProcessHasLeftIsHashedBeforeItIsUsed) {
     };
     leave(large);
     EXPECT_FALSE(fs::exists(fileOf(large)));
-    Cache cache({folder, kPlenty});
+    HashCache cache({folder, kPlenty});
     EXPECT_FALSE(cache.isReady(kOrigin, hashOfText(large)));
     EXPECT_EQ(get(cache, large), large);
     EXPECT_EQ(downloads, 0);
@@ -167,17 +167,17 @@ TEST_F(CacheTest, ALargeFileThatAProcessHasLeftIsHashedBeforeItIsUsed) {
     EXPECT_EQ(filesIn("unchecked"), 0U);
     fs::remove(fileOf(large));
     leave(changed);
-    Cache next({folder, kPlenty});
+    HashCache next({folder, kPlenty});
     EXPECT_FALSE(next.find(kOrigin, hashOfText(large)));
     EXPECT_EQ(filesIn("unchecked"), 0U);
     EXPECT_EQ(get(next, large), large);
     EXPECT_EQ(downloads, 1);
 }
 
-TEST_F(CacheTest, ALargeFileWithAnotherContentIsRemovedAndReported) {
+TEST_F(HashCacheTest, ALargeFileWithAnotherContentIsRemovedAndReported) {
     const std::string large(3 << 20, 'x'), changed(3 << 20, 'y');
     std::atomic<int> wrong = 0;
-    Cache cache({folder, kPlenty});
+    HashCache cache({folder, kPlenty});
     cache.onWrongFile = [&](const std::string& hash, const std::string& origin) {
         wrong += hash == hashOfText(large) && origin == kOrigin ? 1 : 100;
     };
@@ -194,11 +194,11 @@ TEST_F(CacheTest, ALargeFileWithAnotherContentIsRemovedAndReported) {
 }
 
 // A server could send the right content first, and another one while it is hashed.
-TEST_F(CacheTest, AFileThatComesWhileAnotherOfItsNameIsHashedGetsNoName) {
+TEST_F(HashCacheTest, AFileThatComesWhileAnotherOfItsNameIsHashedGetsNoName) {
     const std::string large(200 << 20, 'x'), changed(1 << 20, 'y');
     const std::string hash = hashOfText(large);
     std::atomic<int> wrong = 0;
-    Cache cache({folder, kPlenty});
+    HashCache cache({folder, kPlenty});
     cache.onWrongFile = [&](const std::string&, const std::string&) { ++wrong; };
     const auto fetch = [&](const std::string& key, const std::string& text) {
         return bool(cache.keyedFile(kOrigin, key, [&](BodySink& sink) {
@@ -219,8 +219,8 @@ TEST_F(CacheTest, AFileThatComesWhileAnotherOfItsNameIsHashedGetsNoName) {
         }
 }
 
-TEST_F(CacheTest, AServerNamesNoPath) {
-    Cache cache({folder, kPlenty});
+TEST_F(HashCacheTest, AServerNamesNoPath) {
+    HashCache cache({folder, kPlenty});
     for (const std::size_t size : {std::size_t(5), std::size_t(3) << 20})
         for (const char* name : {"", "../../../tmp/evil", "xyz"}) {
             const auto file = cache.keyedFile(kOrigin, "key", [&](BodySink& sink) {
@@ -232,8 +232,8 @@ TEST_F(CacheTest, AServerNamesNoPath) {
     EXPECT_EQ(filesIn("files") + filesIn("unchecked") + filesIn("keys") + filesIn("new"), 0U);
 }
 
-TEST_F(CacheTest, HashesFilesOfAnEarlierStartOfTheMachine) {
-    Cache cache({folder, kPlenty});
+TEST_F(HashCacheTest, HashesFilesOfAnEarlierStartOfTheMachine) {
+    HashCache cache({folder, kPlenty});
     (void)get(cache, "brick");
     (void)get(cache, "stone");
     std::ofstream(fileOf("brick")) << "bricX";  // an interrupted write may leave that
@@ -247,7 +247,7 @@ TEST_F(CacheTest, HashesFilesOfAnEarlierStartOfTheMachine) {
 }
 
 // Every file of the cache, damaged in every way, in the process that wrote it and in others.
-TEST_F(CacheTest, ADamagedFileIsFetchedAgain) {
+TEST_F(HashCacheTest, ADamagedFileIsFetchedAgain) {
     using Damage = std::function<void(const fs::path&)>;
     const auto replacedBy = [](auto make) {
         return [make](const fs::path& file) {
@@ -298,18 +298,18 @@ TEST_F(CacheTest, ADamagedFileIsFetchedAgain) {
                     if (isSilent && text == large && std::string_view(part) == "files") continue;
                     fs::remove_all(folder / "files");
                     fs::remove_all(folder / "keys");
-                    const auto isRead = [&](Cache& from) {
+                    const auto isRead = [&](HashCache& from) {
                         const auto file = from.keyedFile(kOrigin, "12-ab/s.usda", downloadOf(text));
                         return file && read(*file) == text;
                     };
-                    Cache first({folder, kPlenty}), cache({folder, kPlenty});
+                    HashCache first({folder, kPlenty}), cache({folder, kPlenty});
                     EXPECT_TRUE(isRead(first) && isRead(cache));
                     ASSERT_TRUE(fs::exists(fileOf(text)));
                     const std::string key = hashOfText("12-ab/s.usda");
                     damage(part == std::string_view("files")
                                ? fileOf(text)
                                : folder / "keys" / key.substr(0, 2) / key);
-                    Cache next({folder, kPlenty});
+                    HashCache next({folder, kPlenty});
                     EXPECT_TRUE(isRead(isSameProcess ? cache : next));
                     EXPECT_TRUE(isRead(next));
                 }
@@ -319,8 +319,8 @@ TEST_F(CacheTest, ADamagedFileIsFetchedAgain) {
 }
 
 // The key of another layer, as after a mistake with a copy of the folder.
-TEST_F(CacheTest, AKeyOfAnotherFileIsNotBelieved) {
-    Cache cache({folder, kPlenty});
+TEST_F(HashCacheTest, AKeyOfAnotherFileIsNotBelieved) {
+    HashCache cache({folder, kPlenty});
     for (const char* text : {"one", "two"})
         EXPECT_EQ(read(*cache.keyedFile(kOrigin, text, downloadOf(text))), text);
     const auto keyFile = [&](const std::string& key) {
@@ -333,9 +333,9 @@ TEST_F(CacheTest, AKeyOfAnotherFileIsNotBelieved) {
     EXPECT_EQ(read(*cache.keyedFile(kOrigin, "two", downloadOf("two"))), "two");
 }
 
-TEST_F(CacheTest, RemovesTheFilesThatWereNotUsedForTheLongestTime) {
+TEST_F(HashCacheTest, RemovesTheFilesThatWereNotUsedForTheLongestTime) {
     constexpr std::size_t kFiles = 40, kSize = 100'000;
-    Cache cache({folder, kFiles / 2 * kSize});
+    HashCache cache({folder, kFiles / 2 * kSize});
     for (std::size_t i = 0; i < kFiles; ++i) {
         const std::string text(kSize, char('A' + i));
         EXPECT_EQ(get(cache, text), text);
@@ -352,16 +352,16 @@ TEST_F(CacheTest, RemovesTheFilesThatWereNotUsedForTheLongestTime) {
     EXPECT_FALSE(fs::exists(fileOf(std::string(kSize, 'B'))));
 }
 
-TEST_F(CacheTest, AnOpenFileCanBeReadAfterItWasRemoved) {
-    Cache cache({folder, kPlenty});
+TEST_F(HashCacheTest, AnOpenFileCanBeReadAfterItWasRemoved) {
+    HashCache cache({folder, kPlenty});
     const auto file = cache.file(kOrigin, hashOfText("brick"), downloadOf("brick"));
     fs::remove_all(folder / "files");
     EXPECT_EQ(read(*file), "brick");
     EXPECT_EQ(get(cache, "brick"), "brick") << "the cache creates its folders again";
 }
 
-TEST_F(CacheTest, AFolderThatWasRemovedIsCreatedAgain) {
-    Cache cache({folder, kPlenty});
+TEST_F(HashCacheTest, AFolderThatWasRemovedIsCreatedAgain) {
+    HashCache cache({folder, kPlenty});
     std::vector<std::string> problems;
     cache.onProblem = [&](const std::string& problem) { problems.push_back(problem); };
     EXPECT_EQ(get(cache, "brick"), "brick");
@@ -373,10 +373,10 @@ TEST_F(CacheTest, AFolderThatWasRemovedIsCreatedAgain) {
     EXPECT_THAT(problems, testing::IsEmpty());
 }
 
-TEST_F(CacheTest, WhatTheFolderDoesNotTakeIsKeptToALimit) {
+TEST_F(HashCacheTest, WhatTheFolderDoesNotTakeIsKeptToALimit) {
     const fs::path blocked = folder / "file";
     std::ofstream(blocked) << "no folder";
-    Cache cache({blocked / "cache", kPlenty});
+    HashCache cache({blocked / "cache", kPlenty});
     const std::string large(100 * 1024 * 1024, 'x');
     for (const std::string first : {"a", "b", "c"})
         EXPECT_TRUE(cache.file(kOrigin, hashOfText(first + large), downloadOf(first + large)));
@@ -390,10 +390,10 @@ TEST_F(CacheTest, WhatTheFolderDoesNotTakeIsKeptToALimit) {
     }
 }
 
-TEST_F(CacheTest, WithoutAFolderFilesAreInMemory) {
+TEST_F(HashCacheTest, WithoutAFolderFilesAreInMemory) {
     const fs::path blocked = folder / "file";
     std::ofstream(blocked) << "no folder";
-    Cache cache({blocked / "cache", kPlenty});
+    HashCache cache({blocked / "cache", kPlenty});
     std::vector<std::string> problems;
     cache.onProblem = [&](const std::string& problem) { problems.push_back(problem); };
     EXPECT_EQ(get(cache, "brick"), "brick");
@@ -409,10 +409,10 @@ TEST_F(CacheTest, WithoutAFolderFilesAreInMemory) {
     EXPECT_THAT(problems.front(), HasSubstr((blocked / "cache").string()));
 }
 
-TEST_F(CacheTest, AFileThatFillsTheDiskContinuesInMemory) {
+TEST_F(HashCacheTest, AFileThatFillsTheDiskContinuesInMemory) {
     const SmallDisk disk("size=1m");
     if (!disk) GTEST_SKIP() << "cannot mount a small disk";
-    Cache cache({disk.path(), kPlenty});
+    HashCache cache({disk.path(), kPlenty});
     std::vector<std::string> problems;
     cache.onProblem = [&](const std::string& problem) { problems.push_back(problem); };
     std::string text(3 << 20, '\0');
@@ -427,16 +427,16 @@ TEST_F(CacheTest, AFileThatFillsTheDiskContinuesInMemory) {
 }
 
 // A cache that was filled before, for example in the image of a container.
-TEST_F(CacheTest, AReadOnlyDiskServesWhatItHas) {
+TEST_F(HashCacheTest, AReadOnlyDiskServesWhatItHas) {
     const SmallDisk disk("size=1m");
     if (!disk) GTEST_SKIP() << "cannot mount a small disk";
     const fs::path cacheFolder = disk.path() / "cache";
-    EXPECT_EQ(get(*std::make_unique<Cache>(Cache::Options{cacheFolder, kPlenty}), "brick"),
+    EXPECT_EQ(get(*std::make_unique<HashCache>(HashCache::Options{cacheFolder, kPlenty}), "brick"),
               "brick");
     ASSERT_TRUE(disk.makeReadOnly());
     // One with folders, and one without.
     for (const fs::path& place : {cacheFolder, disk.path() / "other"}) {
-        Cache cache({place, kPlenty});
+        HashCache cache({place, kPlenty});
         std::vector<std::string> problems;
         cache.onProblem = [&](const std::string& problem) { problems.push_back(problem); };
         downloads = 0;
@@ -453,8 +453,8 @@ TEST_F(CacheTest, AReadOnlyDiskServesWhatItHas) {
     }
 }
 
-TEST_F(CacheTest, ThreadsFetchTheSameFileOnce) {
-    Cache cache({folder, kPlenty});
+TEST_F(HashCacheTest, ThreadsFetchTheSameFileOnce) {
+    HashCache cache({folder, kPlenty});
     std::atomic<int> fetched = 0;
     const std::string text(100'000, 'x');
     std::vector<std::thread> threads;
@@ -473,12 +473,12 @@ TEST_F(CacheTest, ThreadsFetchTheSameFileOnce) {
 }
 
 // Kills processes in the middle of a download. The next one neither waits for them nor finds parts.
-TEST_F(CacheTest, AKilledProcessLeavesNoPartOfAFile) {
+TEST_F(HashCacheTest, AKilledProcessLeavesNoPartOfAFile) {
     const std::string text(100'000, 'x');
     for (int round = 0; round < 5; ++round) {
         const pid_t child = ::fork();
         if (child == 0) {
-            Cache cache({folder, kPlenty});
+            HashCache cache({folder, kPlenty});
             (void)cache.file(kOrigin, hashOfText(text), [&](BodySink& sink) {
                 (void)put(sink, std::string_view(text).substr(0, text.size() / 2));
                 ::kill(::getpid(), SIGKILL);
@@ -492,13 +492,13 @@ TEST_F(CacheTest, AKilledProcessLeavesNoPartOfAFile) {
         EXPECT_FALSE(fs::exists(fileOf(text)));
     }
     EXPECT_EQ(count("new"), 5U);
-    Cache cache({folder, kPlenty});
+    HashCache cache({folder, kPlenty});
     EXPECT_EQ(get(cache, text), text);
     EXPECT_EQ(count("new"), 0U) << "the first check of the size removes what is left";
 }
 
-TEST_F(CacheTest, FindsNothingAndDoesNotWaitWhileAFileIsFetched) {
-    Cache cache({folder, 1 << 20});
+TEST_F(HashCacheTest, FindsNothingAndDoesNotWaitWhileAFileIsFetched) {
+    HashCache cache({folder, 1 << 20});
     const std::string hash = hashOfText("brick");
     bool isFound = true;
     const auto file = cache.file(kOrigin, hash, [&](BodySink& sink) -> Fetched<std::string> {
@@ -510,4 +510,50 @@ TEST_F(CacheTest, FindsNothingAndDoesNotWaitWhileAFileIsFetched) {
     ASSERT_TRUE(file);
     EXPECT_FALSE(isFound);
     EXPECT_EQ(read(cache.find(kOrigin, hash)), "brick");
+}
+
+TEST_F(HashCacheTest, KeepsTheNewestContentOfAKeyWithItsNote) {
+    const std::string large(3 << 20, 'x');
+    {
+        HashCache cache({folder, kPlenty});
+        EXPECT_FALSE(cache.noted("url"));
+        cache.note("url", {"old", "1"});
+        cache.note("url", {"new", "line\nline"});
+        cache.note("same", {"new", ""});
+        cache.note("large", {large, "2"});
+        cache.note("long", {"text", std::string(HashCache::kMostNoteBytes + 1, 'n')});
+    }
+    HashCache cache({folder, kPlenty});
+    const auto noted = cache.noted("url");
+    ASSERT_TRUE(noted);
+    EXPECT_EQ(noted->content, "new");
+    EXPECT_EQ(noted->note, "line\nline");
+    EXPECT_EQ(cache.noted("same").value().note, "");
+    EXPECT_EQ(cache.noted("large").value().content, large);
+    EXPECT_FALSE(cache.noted("long"));
+    cache.forget("url");
+    EXPECT_FALSE(cache.noted("url"));
+    EXPECT_EQ(cache.noted("same").value().content, "new");
+    EXPECT_EQ(count("new"), 0U);
+}
+
+TEST_F(HashCacheTest, ADamagedNoteOrContentIsAbsent) {
+    HashCache cache({folder, kPlenty});
+    for (const char* part : {"keys", "files"}) {
+        cache.note("url", {"content", "note"});
+        for (const auto& entry : fs::recursive_directory_iterator(folder / part)) {
+            if (!entry.is_regular_file()) continue;
+            std::fstream file(entry.path(), std::ios::in | std::ios::out);
+            file.seekp(-1, std::ios::end);
+            file << "?";
+        }
+        EXPECT_FALSE(cache.noted("url")) << part;
+    }
+}
+
+TEST_F(HashCacheTest, NotesNothingInAFolderThatCannotBeUsed) {
+    std::ofstream(folder / "file") << "text";
+    HashCache cache({folder / "file" / "cache", kPlenty});
+    cache.note("url", {"content", "note"});
+    EXPECT_FALSE(cache.noted("url"));
 }
