@@ -1,6 +1,8 @@
 // Waits for Asio's operations, one at a time.
 #include "Line.h"
 
+#include <fcntl.h>
+
 #include <algorithm>
 #include <boost/asio/buffer.hpp>
 #include <boost/asio/error.hpp>
@@ -93,6 +95,7 @@ Fetched<void> HttpClient::Line::connect(milliseconds limit, Time end) {
                      until);
         if (!error) {
             stream_.socket().set_option(tcp::no_delay(true), error);
+            ::fcntl(stream_.socket().native_handle(), F_SETFD, FD_CLOEXEC);
             return origin_.isSecure ? handshake(until) : Fetched<void>();
         }
         if (!first) first = error;

@@ -8,7 +8,10 @@
 #include <boost/asio/ip/address.hpp>
 #include <boost/asio/ssl/error.hpp>
 #include <cstdlib>
+#include <memory>
+#include <mutex>
 #include <new>
+#include <system_error>
 #include <utility>
 
 namespace usdlive {
@@ -23,6 +26,47 @@ bool isAddress(const std::string& host) {
 
 std::string withoutBrackets(const std::string& host) {
     return host.starts_with('[') && host.ends_with(']') ? host.substr(1, host.size() - 2) : host;
+}
+
+struct FreeStore {
+    void operator()(X509_STORE* store) const { X509_STORE_free(store); }
+};
+using Authorities = std::unique_ptr<X509_STORE, FreeStore>;
+
+Authorities copied(X509_STORE* store) {
+    X509_STORE_up_ref(store);
+    return Authorities(store);
+}
+
+/// Returns the authorities of the system and those in `file`, which may be empty. Reading them
+/// takes longer than a handshake, so they are kept until another file is named, or it has changed.
+Result<Authorities> trustedAuthorities(const std::filesystem::path& file) {
+    struct Kept {
+        std::mutex mutex;  // guards the next members
+        std::filesystem::path file;
+        std::filesystem::file_time_type changed;
+        Authorities authorities;
+    };
+    static auto& kept = *new Kept;  // never destroyed: a thread may connect while the process ends
+    std::error_code none;
+    const auto changed =
+        file.empty() ? decltype(kept.changed)() : std::filesystem::last_write_time(file, none);
+    const std::lock_guard lock(kept.mutex);
+    if (kept.authorities && kept.file == file && kept.changed == changed)
+        return copied(kept.authorities.get());
+    Authorities read(X509_STORE_new());
+    if (!read) throw std::bad_alloc();
+    X509_STORE_set_default_paths(read.get());
+    if (!file.empty() && X509_STORE_load_file(read.get(), file.c_str()) != 1)
+        return fail(ErrorCode::InvalidConfiguration,
+                    "cannot read the certificates of authorities in " + file.string() + ": " +
+                        takeTlsError() +
+                        ". USDLIVE_CA has to name a file with certificates in PEM");
+    ERR_clear_error();
+    kept.authorities = copied(read.get());
+    kept.file = file;
+    kept.changed = changed;
+    return read;
 }
 
 /// Sets the name that the server is asked for, and that its certificate must have.
@@ -71,14 +115,10 @@ Result<void> ClientTls::encrypt(NetStream& stream) {
         if (*known) pin_ = (*known)->pin;
     }
 
+    const auto trusted = trustedAuthorities(authorities_);
+    if (!trusted) return tl::unexpected(trusted.error());
     const TlsContext context = createTlsContext();
-    SSL_CTX_set_default_verify_paths(context.get());
-    if (!authorities_.empty() && SSL_CTX_load_verify_file(context.get(), authorities_.c_str()) != 1)
-        return fail(ErrorCode::InvalidConfiguration,
-                    "cannot read the certificates of authorities in " + authorities_.string() +
-                        ": " + takeTlsError() +
-                        ". USDLIVE_CA has to name a file with certificates in PEM");
-    ERR_clear_error();
+    SSL_CTX_set1_cert_store(context.get(), trusted->get());
     SSL_CTX_set_verify(context.get(), SSL_VERIFY_PEER, nullptr);
     SSL_CTX_set_cert_verify_callback(context.get(), &ClientTls::verify, this);
     TlsState tls(SSL_new(context.get()));

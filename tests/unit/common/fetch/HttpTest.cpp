@@ -12,11 +12,15 @@
 #include <array>
 #include <atomic>
 #include <chrono>
+#include <cstdlib>
+#include <filesystem>
 #include <mutex>
 #include <thread>
 
 #include "usdlive/common/core/Descriptor.h"
 #include "usdlive/common/core/Thread.h"
+#include "usdlive/common/fetch/UsdliveServer.h"
+#include "usdlive/common/net/KnownServers.h"
 
 using namespace usdlive;
 using namespace usdlive::fetch;
@@ -271,4 +275,44 @@ TEST(Origin, WritesItsUrl) {
     EXPECT_EQ((Origin{"::1", 7447, true}.url()), "https://[::1]:7447");
     EXPECT_EQ((Origin{"a.example", 443, true}.hostAndPort()), "a.example");
     EXPECT_EQ((Origin{"a.example", 443}.hostAndPort()), "a.example:443");
+}
+
+namespace {
+
+/// Keeps what this user knows about servers in a folder of its own.
+class UsdliveServerTest : public testing::Test {
+protected:
+    UsdliveServerTest() {
+        char name[] = "/tmp/usdlive-servers-XXXXXX";
+        folder = ::mkdtemp(name);
+        ::setenv("XDG_CONFIG_HOME", folder.c_str(), 1);
+    }
+    ~UsdliveServerTest() override {
+        ::unsetenv("XDG_CONFIG_HOME");
+        std::filesystem::remove_all(folder);
+    }
+    std::string folder;
+};
+
+}  // namespace
+
+TEST_F(UsdliveServerTest, GetsTheTokenOfTheUser) {
+    Prepared server({{ok("one")}});
+    KnownServer known;
+    known.token = "a-token";
+    ASSERT_TRUE(KnownServers().keep(server.origin.host, server.origin.port, known));
+    EXPECT_EQ(getFromServer(server.request(), {}).value().body, "one");
+    EXPECT_THAT(server.requests()[0], HasSubstr("\r\nAuthorization: Bearer a-token\r\n"));
+}
+
+TEST_F(UsdliveServerTest, SaysWhatToDo) {
+    Origin origin;
+    {
+        Prepared server({{"HTTP/1.1 401 Unauthorized\r\nContent-Length: 0\r\n\r\n"}});
+        origin = server.origin;
+        const auto refused = getFromServer(server.request(), {});
+        EXPECT_EQ(refused.error().status, 401U);
+        EXPECT_THAT(refused.error().cause, HasSubstr("`usdlive join INVITATION`"));
+    }
+    EXPECT_THAT(getFromServer({origin, "/"}, {}).error().cause, HasSubstr("usdlive serve"));
 }
