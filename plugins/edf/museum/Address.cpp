@@ -2,7 +2,6 @@
 #include "Address.h"
 
 #include <algorithm>
-#include <charconv>
 
 namespace usdlive::edf::museum {
 
@@ -20,56 +19,31 @@ std::string lower(std::string_view text) {
     return out;
 }
 
-bool isHost(std::string_view host) {
-    const auto isOf = [](std::string_view allowed) {
-        return [allowed](char c) {
-            return (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') ||
-                   allowed.find(c) != std::string_view::npos;
-        };
-    };
-    if (host.starts_with('['))
-        return host.size() > 2 && host.ends_with(']') &&
-               std::ranges::all_of(host.substr(1, host.size() - 2), isOf(":."));
-    return !host.empty() && std::ranges::all_of(host, isOf(".-_"));
-}
-
-/// Returns 0 for a text that is no port.
-std::uint16_t portOf(std::string_view port) {
-    std::uint16_t number = 0;
-    const auto [end, error] = std::from_chars(port.data(), port.data() + port.size(), number);
-    return error == std::errc() && end == port.data() + port.size() ? number : 0;
-}
-
 bool isPathChar(char c) { return c > ' ' && c < 0x7f && c != '?' && c != '#' && c != '@'; }
 
 }  // namespace
 
 tl::expected<Address, std::string> readAddress(std::string_view text) {
     const auto wrong = [&](const std::string& why) {
-        return tl::unexpected("the address '" + std::string(text.substr(0, 200)) + "' " + why);
+        return tl::unexpected("the address '" + std::string(text.substr(0, 200)) +
+                              "' cannot be used: " + why);
     };
     Address address;
-    auto& origin = address.origin;
-    origin.isSecure = lower(text.substr(0, kSecure.size())) == kSecure;
-    const std::string_view scheme = origin.isSecure ? kSecure : kPlain;
+    const bool isSecure = lower(text.substr(0, kSecure.size())) == kSecure;
+    const std::string_view scheme = isSecure ? kSecure : kPlain;
     if (lower(text.substr(0, scheme.size())) != scheme)
-        return wrong("does not begin with http:// or https://");
+        return wrong("it does not begin with http:// or https://");
     const std::string_view rest = text.substr(scheme.size());
     const auto slash = std::min(rest.find('/'), rest.size());
-    const std::string place = lower(rest.substr(0, slash));
     address.path = rest.substr(slash);
     while (address.path.ends_with('/')) address.path.pop_back();
-    const auto colon =
-        place.find(':', place.starts_with('[') ? std::min(place.find(']'), place.size()) : 0);
-    origin.host = place.substr(0, colon);
-    origin.port = colon != std::string::npos ? portOf(std::string_view(place).substr(colon + 1))
-                  : origin.isSecure          ? kSecurePort
-                                             : kPlainPort;
-    if (!isHost(origin.host)) return wrong("has no host");
-    if (origin.port == 0) return wrong("has a port that is no number from 1 to 65535");
-    if (origin.host.starts_with('[')) origin.host = origin.host.substr(1, origin.host.size() - 2);
+    const auto origin =
+        fetch::parseOrigin(rest.substr(0, slash), isSecure ? kSecurePort : kPlainPort);
+    if (!origin) return wrong(origin.error().cause);
+    address.origin = *origin;
+    address.origin.isSecure = isSecure;
     if (!std::ranges::all_of(address.path, isPathChar))
-        return wrong("has a path with characters that are not allowed");
+        return wrong("its path has characters that are not allowed");
     return address;
 }
 

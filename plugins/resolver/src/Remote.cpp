@@ -50,7 +50,7 @@ std::vector<std::string> allowedHosts() {
     std::string text = environment("USDLIVE_RESOLVER_HOSTS") + ",";
     for (std::size_t comma; (comma = text.find(',')) != std::string::npos; text.erase(0, comma + 1))
         if (const std::string host = text.substr(0, comma); !host.empty())
-            hosts.push_back(host.starts_with('[') ? hostOf(host) : host);
+            hosts.push_back(host.starts_with('[') ? fetch::hostOf(host) : host);
     return hosts;
 }
 

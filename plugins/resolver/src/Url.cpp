@@ -1,15 +1,12 @@
 // Parses and writes addresses of files in served projects.
 #include "Url.h"
 
-#include <arpa/inet.h>
-
 #include <algorithm>
-#include <array>
 #include <cctype>
-#include <charconv>
 #include <vector>
 
 #include "usdlive/common/core/PercentEncoding.h"
+#include "usdlive/common/fetch/Origin.h"
 
 namespace usdlive::resolver {
 
@@ -69,32 +66,15 @@ std::nullopt_t refuse(std::string* why, std::string reason) {
     return std::nullopt;
 }
 
-/// Returns the IPv6 address as it is written everywhere, or an empty text if it is none.
-std::string addressOfIpv6(std::string_view text) {
-    in6_addr bytes{};
-    std::array<char, INET6_ADDRSTRLEN> written{};
-    if (::inet_pton(AF_INET6, std::string(text).c_str(), &bytes) != 1 ||
-        !::inet_ntop(AF_INET6, &bytes, written.data(), written.size()))
-        return {};
-    return written.data();
-}
-
 bool parseAuthority(std::string_view text, Url& url, std::string* why) {
-    const auto decoded = percentDecoded(text);
-    const std::string authority = decoded.value_or("");
-    const std::size_t bracket = authority.starts_with('[') ? authority.find(']') : 0;
-    const std::size_t colon = authority.find(':', bracket == std::string::npos ? 0 : bracket);
-    url.host = hostOf(std::string_view(authority).substr(0, colon));
-    if (url.host.empty()) {
-        refuse(why, "it names no host, as usdlive://localhost:7447/shot.usda does");
+    const auto origin = fetch::parseOrigin(percentDecoded(text).value_or(""), kDefaultPort);
+    if (!origin) {
+        refuse(why, origin.error().cause + ". An example is usdlive://localhost:7447/shot.usda");
         return false;
     }
-    if (colon == std::string::npos) return true;
-    const std::string_view port = std::string_view(authority).substr(colon + 1);
-    const auto [end, error] = std::from_chars(port.data(), port.data() + port.size(), url.port);
-    if (error == std::errc() && end == port.data() + port.size() && url.port != 0) return true;
-    refuse(why, "its port is not a number from 1 to 65535");
-    return false;
+    url.host = origin->host;
+    url.port = origin->port;
+    return true;
 }
 
 /// Parses `PIN~VERSION`, each of which may be missing.
@@ -126,16 +106,6 @@ std::string Url::resolvedPath() const {
     if (!version.empty()) text += "~" + version;
     if (!pin.empty() || !version.empty()) text += "/";
     return text + encodedPath(path);
-}
-
-std::string hostOf(std::string_view text) {
-    const auto isHostChar = [](unsigned char c) { return std::isalnum(c) || c == '-' || c == '.'; };
-    if (text.starts_with('[') && text.ends_with(']'))
-        return addressOfIpv6(text.substr(1, text.size() - 2));
-    std::string host;
-    if (std::ranges::all_of(text, isHostChar))
-        for (const char c : text) host += char(std::tolower(static_cast<unsigned char>(c)));
-    return host;
 }
 
 bool hasScheme(std::string_view text) {

@@ -17,7 +17,7 @@ inline constexpr std::string_view kLiveToken = "live";
 /// resolved path, with the pin and the version before the path, so that it ends as the path does
 /// (OpenUSD finds the tiles of a UDIM texture by the ending).
 struct Url {
-    std::string host;  ///< the result of hostOf()
+    std::string host;  ///< the result of fetch::hostOf()
     std::uint16_t port = kDefaultPort;
     /// Decoded and without `.` and `..`, except at its beginning if the path leads out of the
     /// project. With the name of the project first, if the server has several.
@@ -37,10 +37,6 @@ struct Url {
     [[nodiscard]] bool isLive() const { return version.starts_with(kLiveToken); }
     [[nodiscard]] bool leadsOut() const { return path == ".." || path.starts_with("../"); }
 };
-
-/// Returns the name of a host in lower case, or an IPv6 address, which is written in brackets,
-/// without them. Empty if the text is neither.
-[[nodiscard]] std::string hostOf(std::string_view text);
 
 /// True for texts that begin with `usdlive:`.
 [[nodiscard]] bool hasScheme(std::string_view text);

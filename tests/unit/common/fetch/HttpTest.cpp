@@ -277,6 +277,22 @@ TEST(Origin, WritesItsUrl) {
     EXPECT_EQ((Origin{"a.example", 443}.hostAndPort()), "a.example:443");
 }
 
+TEST(Origin, IsParsed) {
+    const auto parsed = [](std::string_view text) {
+        const auto origin = parseOrigin(text, 80);
+        return origin ? origin->host + " " + std::to_string(origin->port) : origin.error().cause;
+    };
+    EXPECT_EQ(parsed("A.Example"), "a.example 80");
+    EXPECT_EQ(parsed("my_host-1:7447"), "my_host-1 7447");
+    EXPECT_EQ(parsed("[0:0:0:0:0:0:0:1]"), "::1 80");
+    EXPECT_EQ(parsed("[::1]:65535"), "::1 65535");
+    for (const char* text :
+         {"", ":80", "::1", "[::1", "[host]", "a b", "user@host", "a/b", "[::1]x"})
+        EXPECT_EQ(parsed(text), "it names no host") << text;
+    for (const char* text : {"a:", "a:0", "a:65536", "a:1x", "a:-1", "[::1]:"})
+        EXPECT_EQ(parsed(text), "its port is not a number from 1 to 65535") << text;
+}
+
 namespace {
 
 /// Keeps what this user knows about servers in a folder of its own.

@@ -3,6 +3,9 @@
 
 #include <cstdint>
 #include <string>
+#include <string_view>
+
+#include "usdlive/common/fetch/Fetched.h"
 
 namespace usdlive::fetch {
 
@@ -20,6 +23,12 @@ struct Origin {
     [[nodiscard]] std::string hostAndPort() const;
     [[nodiscard]] std::string url() const;
 };
+
+/// Returns a host's name in lower case, or an IPv6 address, which is written in brackets, without
+/// them and as it is written everywhere. Empty if the text is neither.
+[[nodiscard]] std::string hostOf(std::string_view text);
+/// Parses `HOST`, `HOST:PORT`, `[IPV6]` and `[IPV6]:PORT`. `port` is the one of a text without.
+[[nodiscard]] Fetched<Origin> parseOrigin(std::string_view text, std::uint16_t port);
 
 /// True for `localhost` and addresses of the loopback interface.
 [[nodiscard]] bool isLoopback(const std::string& host);
