@@ -16,7 +16,7 @@ class Echo final : public SessionHandler {
 public:
     explicit Echo(boost::asio::io_context& network) : network_(network) {}
 
-    void opened(SessionId) override {}
+    void opened(SessionId, const std::optional<SignedIn>&) override {}
     // Reads the next message in the next turn, when the answer is on its way: the suite wants an
     // answer for each message, also before a frame that ends the session.
     void received(SessionId session, ByteView message) override {
@@ -48,8 +48,8 @@ int main() {
     options.takesText = true;
     const auto sessions = createWebSocketTransport(
         network, options, echo, [](const std::function<void()>& job) { job(); }, log);
-    const auto server =
-        createHttpServer(network, {}, [&](auto) -> HttpRoute { return sessions.get(); }, log);
+    const auto server = createHttpServer(
+        network, {}, [&](auto) -> HttpRoute { return HttpSessions{sessions.get()}; }, log);
     if (!server) {
         std::cerr << server.error().message << '\n';
         return 1;

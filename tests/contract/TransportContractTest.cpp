@@ -67,7 +67,8 @@ public:
             options.maxHelloBytes = options.maxMessageBytes;  // there is no hello
             const auto sessions = createWebSocketTransport(io_, options, *this, background, log_);
             http_ = std::move(*createHttpServer(
-                io_, {}, [sessions](auto) -> HttpRoute { return sessions.get(); }, log_));
+                io_, {}, [sessions](auto) -> HttpRoute { return HttpSessions{sessions.get()}; },
+                log_));
             address_ = {"127.0.0.1", http_->port(), ""};
             transport_ = sessions;
         } else {
@@ -130,7 +131,9 @@ public:
     std::vector<SessionId> ended, drainedSessions;
 
 private:
-    void opened(SessionId session) override { sessions.push_back(session); }
+    void opened(SessionId session, const std::optional<SignedIn>&) override {
+        sessions.push_back(session);
+    }
     void received(SessionId session, ByteView message) override {
         for (std::string& text : textsOf(message)) got[session].push_back(std::move(text));
     }

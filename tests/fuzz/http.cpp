@@ -77,7 +77,7 @@ public:
         });
     }
 
-    void opened(SessionId) override { ++open; }
+    void opened(SessionId, const std::optional<SignedIn>&) override { ++open; }
     void received(SessionId session, ByteView message) override {
         require(open > 0, "a message belongs to a session");
         if (const auto frames = splitMessage(message); !frames)

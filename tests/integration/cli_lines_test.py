@@ -20,7 +20,9 @@ LINES = {"ls": [], "who": [], "cat": ["root.usda"], "tree": ["root.usda"], "dump
          "mute": ["root.usda", "set.usda"], "unmute": ["root.usda", "set.usda"], "lock": ["root.usda"],
          "unlock": ["root.usda"]}
 OPTIONS = {"dump": ["--composed"]}
-LOCAL = {"completion": ["bash"], "forget": ["127.0.0.1:1"], "help": [], "serve": ["--help"]}  # these ask no server
+# These ask no server, or one that they are told in another way.
+LOCAL = {"access": ["--help"], "completion": ["bash"], "forget": ["127.0.0.1:1"], "help": [], "join": [],
+         "serve": ["--help"], "user": ["--help"]}
 LEAST = {"cat": 1, "tree": 1, "dump": 1, "flatten": 1, "upload": 2, "checkpoint": 1, "mute": 2, "unmute": 2, "lock": 1,
          "unlock": 1}
 

@@ -71,7 +71,7 @@ def test_saving_writes_the_files(served, editor):
     assert (served.folder / "root.usda").read_text() == ada.text("root.usda")
 
 
-VERBS = ("serve", "ls", "who", "cat", "tree", "log", "watch", "save", "reload", "upload", "checkpoint", "checkpoints", "mute",
+VERBS = ("serve", "join", "ls", "who", "cat", "tree", "log", "watch", "save", "reload", "upload", "checkpoint", "checkpoints", "mute",
          "unmute", "lock", "unlock", "completion")
 
 
@@ -189,7 +189,7 @@ def test_a_second_server_of_a_folder_names_the_first(served):
 def test_an_empty_folder_gets_advice(tmp_path):
     (tmp_path / "empty").mkdir()
     with subprocess.Popen([os.environ["USDLIVE_BIN"], "serve", str(tmp_path / "empty"), "--port", "0",
-                           "--min-free-mib", "1", "--host", "0.0.0.0"],
+                           "--min-free-mib", "1", "--host", "0.0.0.0", "--insecure"],
                           stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as server:
         first, second = server.stdout.readline(), server.stdout.readline()
         server.send_signal(signal.SIGTERM)

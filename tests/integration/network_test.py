@@ -43,7 +43,7 @@ def world(request, near_and_far, tmp_path, monkeypatch):
     folder.mkdir()
     (folder / "root.usda").write_text(ROOT)
     monkeypatch.setenv("USDLIVE_DDS_INTERFACE", network.INTERFACE)
-    server = Server(folder, tmp_path / "server.log", "--host", near.address, "--dds", "--dds-interface",
+    server = Server(folder, tmp_path / "server.log", "--host", near.address, "--insecure", "--dds", "--dds-interface",
                     network.INTERFACE)
     server.program = [*near.enter, *server.program]
     server.start()

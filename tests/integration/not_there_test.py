@@ -119,7 +119,7 @@ WORDS = {
     "mute": [[NONE, "shot.usda"], ["shot.usda", NONE]],
     "unmute": [[NONE, "shot.usda"], ["shot.usda", NONE]], "lock": [[NONE], ["locked.usda", NONE]],
     "unlock": [[NONE], ["locked.usda", NONE]], "help": [["nothing"]], "completion": [["nothing"]]}
-WITHOUT_NAMES = {"ls", "who", "checkpoints", "checkpoint", "compact", "stat", "serve"}
+WITHOUT_NAMES = {"ls", "who", "checkpoints", "checkpoint", "compact", "stat", "serve", "forget", "join", "user", "access"}
 
 
 def ended(*words):

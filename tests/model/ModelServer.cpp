@@ -16,7 +16,7 @@ static void digest(Digest& out, const CheckingResume& part) {
     const auto& [hello, waiting, waitingBytes] = part;
     out(encodeControl(hello), waiting, waitingBytes);
 }
-static void digest(Digest& out, const Subject& part) { out(part.user, part.isAdministrator); }
+static void digest(Digest& out, const Subject& part) { out(part.user, std::uint64_t(part.role)); }
 static void digest(Digest& out, const server::Session& part) {
     const auto& [id, phase, client, subject, application, features, open, compact, wasGreeted] =
         part;
@@ -290,7 +290,7 @@ std::vector<Output> ModelServer::apply(Input input) {
     host_->now = this;
     switch (input.kind) {
         case Input::Connect:
-            project_->connected(input.session);
+            project_->connected(input.session, std::nullopt);
             break;
         case Input::Disconnect:
             project_->disconnected(input.session);

@@ -24,6 +24,7 @@
 #include "usdlive/client/usd/Client.h"
 #include "usdlive/client/usd/Misuse.h"
 #include "usdlive/common/core/LayerPath.h"
+#include "usdlive/common/fetch/Join.h"
 
 namespace nb = nanobind;
 using namespace usdlive;
@@ -383,6 +384,16 @@ NB_MODULE(_usdlive, module) {
             setError(misuse.error);
         }
     });
+    module.def(
+        "join",
+        [](const std::string& invitation) {
+            return orRaise([&] {
+                       nb::gil_scoped_release release;
+                       return parseInvitation(invitation).and_then(fetch::join);
+                   }())
+                .url;
+        },
+        nb::arg("invitation"));
     nb::class_<PythonClient>(module, "Client")
         .def(nb::init<const std::string&, const std::string&, const std::string&,
                       const std::string&, double, std::uint64_t, bool>(),
@@ -433,6 +444,8 @@ NB_MODULE(_usdlive, module) {
         .def_prop_ro(
             "pending",
             [](PythonClient& self) { return self.client("pending").pendingTransactions(); })
+        .def_prop_ro("user", [](PythonClient& self) { return self.client("user").user(); })
+        .def_prop_ro("role", [](PythonClient& self) { return self.client("role").role(); })
         .def_prop_ro("id", [](PythonClient& self) { return self.client("id").id().value; })
         .def_prop_ro("cache_folder", [](PythonClient& self) {
             return self.client("cache_folder").cacheFolder().string();

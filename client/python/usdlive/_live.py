@@ -26,18 +26,21 @@ def connect(url: str, *, user: str = "", application: str = "python", cache_fold
     is an error after one second.
 
     `url`: `ws://host:port`, or `wss://host:port` for an encrypted connection (the default port is 7447);
-    `usdlive://host:port` or `host:port`, which is encrypted if an earlier connection to this server was; or
-    `dds://project` for a project served over DDS. `user`: the name shown to others; the default is
-    the system's user name. `cache_folder`: the folder for layers and big values; the default is a temporary
-    folder that is removed with the connection. It keeps `cache_mib` MiB of big values and removes those that
-    were used longest ago; values that the server does not have yet are kept in addition. With `addresses`, the
-    identifiers of live layers are `usdlive://` addresses, so that all files that they name are found as in the
-    project's folder: textures, `.usdz` packages and others, which are fetched when they are first read. Without, they
-    are paths of files without content in the cache folder, and no other file is found. Raises an Error:
+    `usdlive://host:port` or `host:port`, which is encrypted if an earlier connection to this server was;
+    `dds://project` for a project served over DDS; or an invitation (`usdlive user add`), which is exchanged for a token
+    that all programs of this account use from then on. `user`: the name shown to others; the default is the name with
+    which the user joined the server, or the system's user name. `cache_folder`: the folder for layers and big values;
+    the default is a temporary folder that is removed with the connection. It keeps `cache_mib` MiB of big values and
+    removes those that were used longest ago; values that the server does not have yet are kept in addition. With
+    `addresses`, the identifiers of live layers are `usdlive://` addresses, so that all files that they name are found
+    as in the project's folder: textures, `.usdz` packages and others, which are fetched when they are first read.
+    Without, they are paths of files without content in the cache folder, and no other file is found. Raises an Error:
     `notConnected`, `invalidArgument`.
     """
     if cache_mib < 0:
         raise ValueError(f"cache_mib is {cache_mib}: it must be 0 or more")
+    if url.strip().startswith("usdlive-invitation://"):
+        url = _usdlive.join(url)
     client = _usdlive.Client(url, user, application, os.fspath(cache_folder), timeout * 1000.0, cache_mib << 20,
                              addresses)
     _warn_once(client.files_problem())
@@ -318,7 +321,7 @@ class Live:
         from . import schemas  # generated: it needs the plug-ins
         origin = schemas.SessionAPI.apply(prim)
         origin.project, origin.revision = self._url, self.revision
-        origin.user = self._user or getpass.getuser()
+        origin.user = self.user
         origin.time = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
         for name, value in (("layer", layer), ("checkpoint", checkpoint)):
             if value:
@@ -626,6 +629,17 @@ class Live:
     def connected(self) -> bool:
         """False while the connection is lost, and when it was closed."""
         return not self._client.closed and self._client.connected
+
+    @property
+    def user(self) -> str:
+        """The name that others see."""
+        return self._client.user
+
+    @property
+    def role(self) -> str:
+        """The role of this user in the project: "viewer", "reviewer", "editor" or "admin". Live layers refuse the edits
+        of viewers and reviewers: their `permissionToEdit` is False. Empty while the project is not known."""
+        return self._client.role
 
     @property
     def revision(self) -> int:

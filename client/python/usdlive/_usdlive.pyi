@@ -4,6 +4,8 @@ __version__: str
 layer_utils: ModuleType
 REQUESTS: tuple[str, ...]
 
+def join(invitation: str) -> str: ...
+
 class namespace:
     """usdlive::NamespaceEditor; paths as text, layers by identifier."""
 
@@ -78,6 +80,10 @@ class Client:
     def revision(self) -> int: ...
     @property
     def pending(self) -> int: ...
+    @property
+    def user(self) -> str: ...
+    @property
+    def role(self) -> str: ...
     @property
     def id(self) -> str: ...
     @property

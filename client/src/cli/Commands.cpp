@@ -14,13 +14,14 @@
 #include <optional>
 #include <set>
 
-#include "basics/SystemUser.h"
 #include "cli/Json.h"
 #include "cli/Link.h"
 #include "cli/ProgressBar.h"
 #include "cli/Terminal.h"
 #include "cli/Text.h"
+#include "link/OwnName.h"
 #include "usdlive/common/core/ErrorPasses.h"
+#include "usdlive/common/fetch/Join.h"
 #include "usdlive/common/layer/GlobalMuteness.h"
 #include "usdlive/common/layer/KitLockMap.h"
 #include "usdlive/common/layer/LayerLock.h"
@@ -47,12 +48,14 @@ std::int64_t wallClockMs() {
     return duration_cast<milliseconds>(system_clock::now().time_since_epoch()).count();
 }
 
-UserName userOf(const Common& options) {
-    return options.user.empty() ? client::systemUser() : UserName{options.user};
+Result<UserName> userOf(const Common& options) {
+    return client::nameAt(options.target.server, options.user);
 }
 
 Result<std::unique_ptr<Link>> reach(const Common& options) {
-    auto link = Link::connect(options.target.server, userOf(options), kTimeoutMs);
+    const auto user = userOf(options);
+    if (!user) return tl::unexpected(user.error());
+    auto link = Link::connect(options.target.server, *user, kTimeoutMs);
     if (link && !options.json && isForPeople()) (*link)->showProgress();
     return link;
 }
@@ -546,17 +549,18 @@ Result<void> watch(const Common& options) {
 Result<void> setLocked(const Common& options, bool locked) {
     const auto link = reach(options);
     if (!link) return tl::unexpected(link.error());
-    const UserName user = userOf(options);
+    const auto user = userOf(options);
+    if (!user) return tl::unexpected(user.error());
     Report report(options.json);
     for (const LayerId& layer : options.target.layers) {
         const auto changed = editRoot(**link, layer, [&](const LayerDoc& doc) {
-            return lockEdits(doc, locked ? LayerLock{true, user, wallClockMs()} : LayerLock{});
+            return lockEdits(doc, locked ? LayerLock{true, *user, wallClockMs()} : LayerLock{});
         });
         if (!changed) return tl::unexpected(changed.error());
         if (locked)
             report.add(
                 layer, *changed,
-                layer.value + (*changed ? " is" : " was already") + " locked by " + user.value);
+                layer.value + (*changed ? " is" : " was already") + " locked by " + user->value);
         else
             report.add(layer, *changed,
                        layer.value + (*changed ? " is unlocked" : " was not locked"));
@@ -594,7 +598,8 @@ Result<void> unlockAll(const Common& options) {
         std::to_string(failed) + " of " + std::to_string(layers.size()) +
             " layers were not changed. Only administrators can remove the locks of others: serve "
             "with --admin " +
-            userOf(options).value);
+            userOf(options).value_or(UserName{"USER"}).value +
+            ", or give the role admin (usdlive user role)");
 }
 
 Result<void> setMuted(const MuteOptions& options, bool muted) {
@@ -691,11 +696,25 @@ Result<void> forget(const ForgetOptions& options) {
     return {};
 }
 
-Error serve(char** arguments) {
+Result<void> join(const std::string& text) {
+    std::string pasted = text;
+    if (pasted.empty()) {
+        if (isatty(STDIN_FILENO) != 0) std::cout << "Paste the invitation: " << std::flush;
+        std::getline(std::cin, pasted);
+    }
+    const auto invitation = parseInvitation(pasted);
+    if (!invitation) return tl::unexpected(invitation.error());
+    return fetch::join(*invitation).map([](const fetch::JoinedServer& joined) {
+        std::cout << "You are " << joined.user << " at " << joined.url
+                  << " from now on, in all programs of this account.\n";
+    });
+}
+
+Error runServer(char** arguments) {
     std::error_code ignored;
     const auto self = std::filesystem::read_symlink("/proc/self/exe", ignored);
     const std::string server = (self.parent_path() / "usdlive-server").string();
-    std::string name = "usdlive serve";  // used in its help and errors
+    std::string name = "usdlive " + std::string(arguments[0]);  // used in its help and errors
     arguments[0] = name.data();
     execv(server.c_str(), arguments);
     return {ErrorCode::Internal, "cannot start " + server + ": " + std::strerror(errno)};

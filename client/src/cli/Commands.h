@@ -16,7 +16,7 @@ namespace usdlive::cli {
 /// The options of every verb.
 struct Common {
     Target target;
-    std::string user;  ///< acts in the name of this user; empty: the user of the system
+    std::string user;  ///< acts in the name of this user; empty: see client::nameAt()
     bool json = false;
 };
 struct ListOptions : Common {
@@ -88,7 +88,10 @@ Result<void> stat(const Common& options);
 Result<void> setMuted(const MuteOptions& options, bool muted);
 /// Forgets the certificate and the token of a server, and says whether there was one.
 Result<void> forget(const ForgetOptions& options);
-/// Replaces this process by `usdlive-server`. Returns only if that fails.
-Error serve(char** arguments);
+/// Joins a server with an invitation, which is read from the standard input if it is empty.
+Result<void> join(const std::string& invitation);
+/// Replaces this process by `usdlive-server`, for `serve`, `user` and `access`. The first argument
+/// is the verb. Returns only if that fails.
+Error runServer(char** arguments);
 
 }  // namespace usdlive::cli

@@ -61,6 +61,10 @@ public:
 
     void addVerbs() {
         app_.add_subcommand("serve", "Serve the USD files of a folder; see usdlive serve --help");
+        app_.add_subcommand("user", "Add and remove users of a server; see usdlive user --help");
+        app_.add_subcommand("access",
+                            "Print the access rules of a project; see usdlive access --help");
+        addJoin();
         addList();
         addPlain("who", "List the connected users with selection, edit target and time", "[URL]",
                  kNone, who);
@@ -121,7 +125,8 @@ private:
                   std::shared_ptr<Options> options, Read read, Run run) {
         CLI::App* verb = addVerb(name, help, usage, options, read, run);
         verb->add_option("-u,--user", options->user,
-                         "Act in the name of this user; default: the user of the system")
+                         "Act in the name of this user; default: the user who\njoined the server, "
+                         "or that of the system")
             ->type_name("NAME")
             ->envname("USDLIVE_USER");
         verb->add_flag("--json", options->json, "Print JSON");
@@ -146,6 +151,17 @@ private:
     void addPlain(const std::string& name, const std::string& help, const std::string& usage,
                   Layers layers, Result<void> (*run)(const Common&)) {
         add(name, help, usage, layers, std::make_shared<Common>(), run);
+    }
+
+    void addJoin() {
+        auto invitation = std::make_shared<std::string>();
+        addVerb(
+            "join", "Sign in at a server with an invitation", "[INVITATION]", invitation,
+            [](const Words& words, std::string& into) {
+                if (words.size() > 1) usageError("too many words: usdlive join [INVITATION]");
+                if (!words.empty()) into = words.front();
+            },
+            join);
     }
 
     void addList() {

@@ -56,15 +56,20 @@ int completion(const CLI::App& app, int argc, char** argv) {
     return 0;
 }
 
+/// Returns whether `usdlive-server` runs the verb.
+bool isOfServer(std::string_view verb) {
+    return verb == "serve" || verb == "user" || verb == "access";
+}
+
 int run(int argc, char** argv) {
     cli::Command chosen;
     const auto app = cli::createGrammar(chosen);
     const std::string_view verb = argc > 1 ? argv[1] : "--help";
     // The server parses its own options, including --help.
-    if (verb == "serve") return failed(cli::serve(argv + 1).message);
-    if (verb == "help" && argc == 3 && std::string_view(argv[2]) == "serve") {
+    if (isOfServer(verb)) return failed(cli::runServer(argv + 1).message);
+    if (verb == "help" && argc == 3 && isOfServer(argv[2])) {
         char* words[] = {argv[2], const_cast<char*>("--help"), nullptr};
-        return failed(cli::serve(words).message);
+        return failed(cli::runServer(words).message);
     }
     if (argc == 1) {
         std::cerr << app->help();

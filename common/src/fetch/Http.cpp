@@ -73,7 +73,8 @@ std::string headOf(const HttpRequest& request) {
     if (request.takesZstd) headers.emplace_back("Accept-Encoding", "zstd");
     headers.insert(headers.end(), request.headers.begin(), request.headers.end());
     if (!isOneLine(request.target)) return {};
-    std::string head = "GET " + request.target + " HTTP/1.1\r\n";
+    std::string head = (request.isPost ? "POST " : "GET ") + request.target + " HTTP/1.1\r\n";
+    if (request.isPost) head += "Content-Length: 0\r\n";
     for (const auto& [name, value] : headers) {
         if (!isOneLine(name) || !isOneLine(value)) return {};
         head += name + ": " + value + "\r\n";

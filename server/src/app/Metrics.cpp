@@ -135,12 +135,14 @@ std::shared_ptr<const MetricFamilies> Metrics::collect(const Figures& figures) c
     }});
 }
 
-std::string metricsPage(const HttpCounters& http, const MetricsOfProjects& projects) {
+std::string metricsPage(const HttpCounters& http, std::uint64_t refusedSignIns,
+                        const MetricsOfProjects& projects) {
     std::vector<MetricFamily> all{
         gauge("usdlive_http_connections", "Open connections, including sessions", http.connections),
         counter("usdlive_http_connections_total", "Connections accepted", http.accepted),
         counter("usdlive_http_turned_away_total", "Connections refused because there were too many",
                 http.turnedAway),
+        counter("usdlive_refused_sign_ins_total", "Requests without a known token", refusedSignIns),
     };
     const std::size_t own = all.size();
     for (const auto& [project, metrics] : projects) {

@@ -52,6 +52,10 @@ void addNetworkOptions(CLI::App& app, ServerOptions& options) {
                    "Write the port to this file when the server listens")
         ->type_name("FILE")
         ->group(group);
+    app.add_flag("--insecure", options.insecure,
+                 "Let other machines connect although nobody has to sign\n"
+                 "in, or nothing is encrypted")
+        ->group(group);
     app.add_option("--allow-host", options.allowedHosts,
                    "Answer requests for this host name, too; \"*\" allows all")
         ->type_name("NAME")

@@ -25,6 +25,8 @@ constexpr std::size_t kKnownClients = 20'000;
 constexpr milliseconds kForgetPause{10 * 60'000};
 // The pause between measurements of the free space.
 constexpr milliseconds kSpacePause{500};
+// The pause between looks at the access rules.
+constexpr milliseconds kRulesPause{200};
 // The pause between searches for commits that are too old.
 constexpr milliseconds kHistoryPause{60 * 60 * 1'000};
 
@@ -57,12 +59,14 @@ ProjectRuntime::ProjectRuntime(asio::io_context& network, WorkerShares& workers,
       blobs_(strand_, workers, transports_, blobs, files.texts),
       files_(strand_, workers, files.layers, files.assets, blobs, store, log),
       activity_(log),
+      rulesFile_(folder_),
       retryTimer_(network),
       scanTimer_(network),
       sweepTimer_(network),
       clientsTimer_(network),
       historyTimer_(network),
       spaceTimer_(network),
+      rulesTimer_(network),
       collector_(network, *workers.history, store, blobs, keepUnusedBlobs, log) {}
 
 Result<void> ProjectRuntime::start(ProjectSetup setup) {
@@ -70,6 +74,10 @@ Result<void> ProjectRuntime::start(ProjectSetup setup) {
     auto beginning = setup_.read();
     if (!beginning) return tl::unexpected(beginning.error());
     hasSpace_ = beginning->store.hasSpace;
+    rulesStamp_ = rulesFile_.stamp();
+    auto rules = rulesFile_.read();
+    if (!rules) return tl::unexpected(rules.error());
+    if (*rules) rules_ = std::make_shared<const AccessRules>(std::move(**rules));
     makeProject(std::move(*beginning));
     storage_.start({
         .appended =
@@ -104,6 +112,7 @@ void ProjectRuntime::serve() {
     });
     boundHistoryIn(milliseconds(0));
     lookForSpaceIn(milliseconds(0));
+    lookForRulesIn(kRulesPause);
 }
 
 void ProjectRuntime::stop(std::function<void()> done) {
@@ -149,11 +158,54 @@ std::shared_ptr<const MetricFamilies> ProjectRuntime::metrics() const {
     return metrics_.collect(figures);
 }
 
-void ProjectRuntime::opened(SessionId session) {
+void ProjectRuntime::opened(SessionId session, const std::optional<SignedIn>& user) {
     Project* const project = strand_.project();
     if (!project)
         return transports_.of(session).close(session, Error{ErrorCode::Internal, "starting again"});
-    project->connected(session);
+    auto present = user;
+    if (present && roleOf_) present->role = roleOf_(*present);  // it may have changed meanwhile
+    if (present && present->role == Role::None)
+        return transports_.of(session).close(
+            session, Error{ErrorCode::SignInRequired,
+                           "the access of " + present->user.value + " to this project was ended"});
+    project->connected(session, std::move(present));
+}
+
+void ProjectRuntime::lookForRulesIn(milliseconds pause) {
+    rulesTimer_.expires_after(pause);
+    rulesTimer_.async_wait([this](const boost::system::error_code& error) {
+        if (error) return;
+        workers_.files->post([this, file = rulesFile_, before = rulesStamp_] {
+            const auto stamp = file.stamp();
+            Result<std::optional<AccessRules>> read;
+            if (stamp && stamp != before) read = file.read();
+            asio::post(network_, [this, stamp, read = std::move(read)]() mutable {
+                if (!stamp && rulesStamp_)
+                    log_.write(LogLevel::Warning,
+                               "the access rules are gone and stay in force; to end them, write "
+                               "rules without entries",
+                               {{"file", rulesFile_.path().string()}});
+                rulesStamp_ = stamp;
+                if (!read)
+                    log_.write(LogLevel::Error, "access rules stay as they were",
+                               {{"error", read.error().message}});
+                else if (*read)
+                    takeRules(std::move(**read));
+                lookForRulesIn(kRulesPause);
+            });
+        });
+    });
+}
+
+void ProjectRuntime::takeRules(AccessRules rules) {
+    rules_ = std::make_shared<const AccessRules>(std::move(rules));
+    log_.write(LogLevel::Info, "access rules changed", {{"rules", rules_->rules().size()}});
+    strand_.use([this](Project& project) { project.setRules(rules_); });
+}
+
+void ProjectRuntime::rolesChanged(const std::function<Role(const SignedIn&)>& roleOf) {
+    roleOf_ = roleOf;
+    strand_.use([&](Project& project) { project.rolesChanged(roleOf); });
 }
 
 void ProjectRuntime::received(SessionId session, ByteView message) {
@@ -191,6 +243,7 @@ void ProjectRuntime::makeProject(ProjectBeginning beginning) {
     const Ports ports{outbox_, history_, blobs_, files_, clock_, activity_};
     strand_.set(std::make_unique<Project>(setup_.options, ports, std::move(beginning.store),
                                           beginning.files));
+    strand_.use([this](Project& project) { project.setRules(rules_); });
 }
 
 void ProjectRuntime::makeProjectAgain() {

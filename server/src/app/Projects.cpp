@@ -1,14 +1,12 @@
-// Finds, opens and removes the projects of the process, and reports their state over HTTP.
+// Finds, opens and removes the projects of the process.
 #include "usdlive/server/app/Projects.h"
 
 #include <algorithm>
 #include <boost/asio/post.hpp>
-#include <nlohmann/json.hpp>
 #include <set>
 #include <utility>
 
 #include "usdlive/common/core/PercentEncoding.h"
-#include "usdlive/server/transport/FileRequest.h"
 
 namespace usdlive::server {
 
@@ -17,39 +15,14 @@ namespace fs = std::filesystem;
 
 namespace {
 
-using Json = nlohmann::json;
 using std::chrono::milliseconds;
 using State = ServedProject::State;
 
-constexpr std::string_view kSessions = "/live", kFiles = "/files";
-constexpr const char* kJson = "application/json";
-constexpr unsigned kBadRequest = 400, kNotFound = 404, kUnavailable = 503;
-// Projects that have not answered after this time are reported as busy.
-constexpr milliseconds kReportTime{1'000};
 // The pause between searches for new folders.
 constexpr milliseconds kFolderPause{1'000};
 // A folder is removed after it was missing this often in a row, because a network drive may be
 // unavailable for a moment.
 constexpr unsigned kMissing = 3;
-constexpr std::size_t kMostNamed = 20;
-
-std::string text(const Json& json) {
-    return json.dump(-1, ' ', false, Json::error_handler_t::replace) + "\n";
-}
-
-struct FilesPath {
-    std::string_view project;  ///< percent-encoded
-    std::string_view rest;     ///< empty, or begins with a slash
-};
-/// Splits `/NAME/files...`. Returns nothing for any other path.
-std::optional<FilesPath> splitFilesPath(std::string_view path) {
-    const std::size_t slash = path.find('/', 1);
-    if (slash == std::string_view::npos || !path.substr(slash).starts_with(kFiles))
-        return std::nullopt;
-    const FilesPath split{path.substr(1, slash - 1), path.substr(slash + kFiles.size())};
-    if (!split.rest.empty() && !split.rest.starts_with('/')) return std::nullopt;
-    return split;
-}
 
 /// Returns the name of the project in `folder`: the folder's own name.
 std::string nameOf(const fs::path& folder) {
@@ -91,8 +64,8 @@ bool Projects::areSeveral() const {
     return options_.folders.size() > 1 || !options_.projectsFolder.empty();
 }
 
-std::vector<const ServedProject*> Projects::all() const {
-    std::vector<const ServedProject*> all;
+std::vector<ServedProject*> Projects::all() const {
+    std::vector<ServedProject*> all;
     for (const auto& [name, entry] : projects_) all.push_back(entry.project.get());
     return all;
 }
@@ -176,10 +149,8 @@ void Projects::checkOpened() {
     std::exchange(opened_, nullptr)();
 }
 
-void Projects::announce(const std::string& url, const HttpServer& http,
-                        std::function<void(Result<void>)> announced) {
+void Projects::announce(const std::string& url, std::function<void(Result<void>)> announced) {
     url_ = url;
-    http_ = &http;
     const auto left = std::make_shared<std::size_t>(1);
     const auto result = std::make_shared<Result<void>>();
     using Done = std::function<void(Result<void>)>;
@@ -239,182 +210,6 @@ void Projects::foldersFound(const std::map<std::string, fs::path>& found) {
             });
         entry.project->start();
     }
-}
-
-// ---- HTTP
-
-HttpRoute Projects::route(const HttpTarget& target) {
-    const std::string_view path = target.path;
-    const auto page = [this](HttpReply (Projects::*make)(const Reports&) const) {
-        return HttpPage([this, make](const HttpAnswer& answer) {
-            gather(
-                [this, make, answer](const Reports& reports) { answer((this->*make)(reports)); });
-        });
-    };
-    if (path == "/") return page(&Projects::welcome);
-    if (path == "/healthz") return page(&Projects::health);
-    if (path == "/metrics") return page(&Projects::metrics);
-    if (path == "/projects") return page(&Projects::list);
-    if (path == kSessions) {
-        if (projects_.size() == 1) return sessionsOf(*projects_.begin()->second.project);
-        return notHere("the address names no project");
-    }
-    if (path.ends_with(kSessions)) {
-        const auto name = percentDecoded(path.substr(1, path.size() - kSessions.size() - 1));
-        const auto found = name ? projects_.find(*name) : projects_.end();
-        if (found == projects_.end())
-            return notHere("there is no project \"" + name.value_or("") + "\" here");
-        return sessionsOf(*found->second.project);
-    }
-    if (const auto files = splitFilesPath(path)) {
-        const auto name = percentDecoded(files->project);
-        const auto found = name ? projects_.find(*name) : projects_.end();
-        if (found != projects_.end())
-            return filesOf(*found->second.project, {files->rest, target.query});
-    }
-    if (path.starts_with(kFiles)) {
-        const std::string_view rest = path.substr(kFiles.size());
-        if (rest.empty() || rest.starts_with('/')) {
-            if (projects_.size() == 1)
-                return filesOf(*projects_.begin()->second.project, {rest, target.query});
-            return notHere("the address names no project");
-        }
-    }
-    return HttpReply{"text/plain", "there is nothing here\n", kNotFound};
-}
-
-HttpRoute Projects::filesOf(ServedProject& project, const HttpTarget& target) {
-    auto request = parseFileRequest(target.path, target.query);
-    if (!request) return HttpReply{"text/plain", request.error().message + "\n", kBadRequest};
-    if (project.status().state != State::Serving) return unavailable(project);
-    return HttpPage([&project, request = std::move(*request)](const HttpAnswer& answer) {
-        project.answerFile(request, answer);
-    });
-}
-
-HttpRoute Projects::sessionsOf(ServedProject& project) {
-    if (WebSocketTransport* sessions = project.sessions()) return sessions;
-    return unavailable(project);
-}
-
-HttpReply Projects::unavailable(const ServedProject& project) {
-    const ServedProject::Status status = project.status();
-    const std::string why = status.error
-                                ? "cannot be opened: " + project.texts()(*status.error).message
-                            : status.state == State::Opening ? "is being opened"
-                                                             : "is being closed";
-    return HttpReply{"text/plain", "the project \"" + project.name() + "\" " + why + "\n",
-                     kUnavailable};
-}
-
-HttpReply Projects::notHere(const std::string& what) const {
-    std::string names;
-    std::size_t named = 0;
-    for (const auto& [name, entry] : projects_) {
-        if (named++ == kMostNamed) {
-            names += ", ...";
-            break;
-        }
-        names += (names.empty() ? "" : ", ") + name;
-    }
-    return {"text/plain",
-            what + (names.empty() ? "; the server has none yet" : "; the server has " + names) +
-                ". Connect to ws://HOST:PORT/PROJECT\n",
-            kNotFound};
-}
-
-void Projects::gather(std::function<void(const Reports&)> done) {
-    struct Gathered {
-        std::map<std::string, ServedProject::Report> reports;
-        std::size_t missing = 0;
-        std::function<void(const Reports&)> done;
-        asio::steady_timer timer;
-
-        void end() {
-            if (!done) return;
-            timer.cancel();
-            const Reports all(reports.begin(), reports.end());
-            std::exchange(done, nullptr)(all);
-        }
-    };
-    auto all = std::make_shared<Gathered>(
-        Gathered{{}, projects_.size(), std::move(done), asio::steady_timer(io_, kReportTime)});
-    for (const auto& [name, entry] : projects_) {
-        all->reports[name].status = "busy";
-        entry.project->report([this, all, name = name](ServedProject::Report report) {
-            asio::post(io_, [all, name, report = std::move(report)]() mutable {
-                all->reports[name] = std::move(report);
-                if (--all->missing == 0) all->end();
-            });
-        });
-    }
-    if (projects_.empty()) return all->end();
-    all->timer.async_wait([all](const boost::system::error_code& error) {
-        if (!error) all->end();
-    });
-}
-
-/// Answers somebody who opens the address in a browser.
-HttpReply Projects::welcome(const Reports& reports) const {
-    const auto urlOf = [this](const std::string& name) {
-        return areSeveral() ? url_ + "/" + percentEncoded(name) : url_;
-    };
-    std::string page = "usdlive " USDLIVE_VERSION
-                       ": people edit OpenUSD stages of this server together, at the same time.\n"
-                       "\nProjects\n";
-    std::size_t named = 0;
-    for (const auto& [name, report] : reports) {
-        if (named++ == kMostNamed) {
-            page += "  and " + std::to_string(reports.size() - kMostNamed) + " more: /projects\n";
-            break;
-        }
-        page += "  " + urlOf(name) + "  " + report.status + ", revision " +
-                std::to_string(report.revision) + ", sessions " + std::to_string(report.sessions) +
-                "\n";
-    }
-    if (reports.empty()) page += "  none yet\n";
-    const std::string url = reports.empty() ? url_ : urlOf(reports.front().first);
-    return {"text/plain; charset=utf-8",
-            page + "\nConnect\n  shell:    usdlive ls " + url + "\n  Python:   usdlive.connect(\"" +
-                url + "\", user=\"ada\")\n  OpenUSD:  Usd.Stage.Open(\"usdlive" +
-                url.substr(url.find(':')) + "/LAYER.usda\"), to read\n" +
-                "\nOther pages\n  /projects  /files  /healthz  /metrics\n"};
-}
-
-HttpReply Projects::health(const Reports& reports) const {
-    Json projects = Json::object();
-    bool isWell = true;
-    for (const auto& [name, report] : reports) {
-        if (!areSeveral())
-            return {kJson, text({{"status", report.status},
-                                 {"project", name},
-                                 {"revision", report.revision}})};
-        isWell = isWell && report.status == "ok";
-        projects[name] = report.status;
-    }
-    return {kJson, text({{"status", isWell ? "ok" : "degraded"}, {"projects", projects}})};
-}
-
-HttpReply Projects::list(const Reports& reports) const {
-    Json all = Json::array();
-    for (const auto& [name, report] : reports) {
-        Json one{{"name", name},
-                 {"path", areSeveral() ? "/" + percentEncoded(name) : ""},
-                 {"status", report.status},
-                 {"revision", report.revision},
-                 {"sessions", report.sessions}};
-        if (!report.reason.empty()) one["reason"] = report.reason;
-        all.push_back(std::move(one));
-    }
-    return {kJson, text({{"projects", all}, {"several", areSeveral()}})};
-}
-
-HttpReply Projects::metrics(const Reports& reports) const {
-    MetricsOfProjects all;
-    for (const auto& [name, report] : reports)
-        if (report.metrics) all.emplace_back(areSeveral() ? name : "", report.metrics);
-    return {"text/plain; version=0.0.4",
-            metricsPage(http_ ? http_->counters() : HttpCounters(), all)};
 }
 
 }  // namespace usdlive::server

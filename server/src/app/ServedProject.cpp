@@ -189,7 +189,7 @@ public:
 
     [[nodiscard]] asio::io_context& io() { return network_; }
     [[nodiscard]] WebSocketTransport& webSockets() { return *webSockets_; }
-    [[nodiscard]] const ProjectRuntime& runtime() const { return *runtime_; }
+    [[nodiscard]] ProjectRuntime& runtime() { return *runtime_; }
     [[nodiscard]] Status status() const {
         const auto layers = servedLayers(*files_, store_);
         return {State::Serving, {}, layers ? layers->size() : 0, logSkipped(*files_, log_)};
@@ -477,6 +477,17 @@ void ServedProject::answerFile(FileRequest request, HttpAnswer answer) {
         running.answerFile(request, answer);
     });
     if (!isPosted) answer({"text/plain", "the project is being closed\n", kProjectClosed});
+}
+
+void ServedProject::rolesChanged(std::shared_ptr<const Accounts> accounts,
+                                 std::function<void()> done) {
+    const bool isPosted = post([accounts, name = name_, done](Running& running) {
+        running.runtime().rolesChanged([accounts, name](const SignedIn& user) {
+            return SignIn::in(*accounts, user, name).role;
+        });
+        done();
+    });
+    if (!isPosted) done();
 }
 
 void ServedProject::stop() {

@@ -22,6 +22,11 @@ std::vector<std::string> certifiedNames(const std::vector<std::string>& hosts) {
     return names;
 }
 
+Result<TlsFiles> ownFiles(const std::filesystem::path& folder,
+                          const std::vector<std::string>& hosts) {
+    return ownTlsFiles(folder / ".usdlive" / "tls", certifiedNames(hosts));
+}
+
 }  // namespace
 
 Result<std::unique_ptr<ServerTls>> loadTls(const ServerOptions& options,
@@ -32,9 +37,17 @@ Result<std::unique_ptr<ServerTls>> loadTls(const ServerOptions& options,
         return ServerTls::load({options.tls.front(), options.tls.back()}, hosts);
     const auto& folder =
         options.projectsFolder.empty() ? options.folders.front() : options.projectsFolder;
-    const auto files = ownTlsFiles(folder / ".usdlive" / "tls", certifiedNames(hosts));
+    const auto files = ownFiles(folder, hosts);
     if (!files) return tl::unexpected(files.error());
     return ServerTls::load(*files, hosts);
+}
+
+Result<std::string> ownFingerprint(const std::filesystem::path& folder, const std::string& host) {
+    std::vector<std::string> hosts = namesOfThisMachine(false);
+    hosts.push_back(host);
+    const auto files = ownFiles(folder, hosts);
+    if (!files) return tl::unexpected(files.error());
+    return ServerTls::load(*files, {"*"}).map([](const auto& tls) { return tls->fingerprint(); });
 }
 
 }  // namespace usdlive::server

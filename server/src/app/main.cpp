@@ -5,14 +5,20 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <atomic>
 #include <boost/asio/executor_work_guard.hpp>
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/signal_set.hpp>
+#include <boost/asio/steady_timer.hpp>
 #include <fstream>
 #include <iostream>
 
 #include "usdlive/common/core/StandardDescriptors.h"
 #include "usdlive/common/dds/Domain.h"
+#include "usdlive/common/net/KnownServers.h"
+#include "usdlive/server/app/AccessCommands.h"
+#include "usdlive/server/app/AccessControl.h"
+#include "usdlive/server/app/HttpRoutes.h"
 #include "usdlive/server/app/Options.h"
 #include "usdlive/server/app/Projects.h"
 #include "usdlive/server/app/RunningServer.h"
@@ -37,6 +43,7 @@ using namespace usdlive::server;
 namespace asio = boost::asio;
 
 constexpr int kStartError = 1;
+constexpr std::chrono::hours kWarningPause{1};
 // A stop that takes longer, because a file system does not respond, is aborted. Nothing
 // acknowledged is lost by that.
 constexpr unsigned kStopSeconds = 10;
@@ -88,6 +95,11 @@ HttpServerOptions httpOptions(const ServerOptions& options, const ServerTls* tls
 
 std::string counted(std::size_t count, const std::string& what) {
     return std::to_string(count) + " " + what + (count == 1 ? "" : "s");
+}
+
+/// Returns the folder whose `.usdlive` has the accounts of this server.
+std::filesystem::path accountsFolder(const ServerOptions& options) {
+    return options.projectsFolder.empty() ? options.folders.front() : options.projectsFolder;
 }
 
 /// Describes one project for the output at the start.
@@ -145,6 +157,8 @@ public:
                   return createSpdLog(options.logLevel, options.logFormat, project);
               },
               *log_),
+          access_(io_, accountsFolder(options), workers_, *log_),
+          routes_(io_, projects_, access_),
           signals_(io_, SIGINT, SIGTERM),
           hangups_(io_) {}
 
@@ -154,6 +168,10 @@ public:
                 log_->write(isError ? LogLevel::Error : LogLevel::Warning, "DDS",
                             {{"says", message}});
             });
+        if (const auto started = access_.start(); !started) {
+            fail(started.error());
+            return code_;
+        }
         if (const auto opened = projects_.open([this] { listen(); }); !opened) fail(opened.error());
         signals_.async_wait([this](const boost::system::error_code& error, int) {
             if (error) return;
@@ -177,6 +195,7 @@ private:
         if (std::exchange(isStopping_, true)) return;
         ::alarm(kStopSeconds);
         if (http_) http_->stop();
+        access_.stop();
         projects_.stop([this] { io_.stop(); });
     }
 
@@ -188,26 +207,76 @@ private:
             all, [](const ServedProject* project) { return project->status().error.has_value(); });
         if (!all.empty() && std::size_t(failed) == all.size())
             return fail(*all.front()->status().error);
+        if (const auto safe = checkSafety(); !safe) return fail(safe.error());
         auto tls = loadTls(options_, hostNames(options_));
         if (!tls) return fail(tls.error());
         tls_ = std::move(*tls);
         auto http = createHttpServer(
             io_, httpOptions(options_, tls_.get()),
-            [this](const HttpTarget& target) { return projects_.route(target); }, *log_);
+            [this](const HttpTarget& target) { return routes_.route(target); }, *log_);
         if (!http) return fail(http.error());
         http_ = std::move(*http);
-        projects_.announce(urls().front(), *http_, [this](const Result<void>& announced) {
+        const std::string url = urls().front();
+        routes_.announce(url, *http_);
+        access_.serve(http_->port(), url, tls_ ? tls_->fingerprint() : "",
+                      [this](const std::shared_ptr<const Accounts>& accounts,
+                             const std::function<void()>& done) { spread(accounts, done); });
+        projects_.announce(url, [this](const Result<void>& announced) {
             if (!announced) return fail(announced.error());
             ready();
         });
     }
 
+    /// Returns an error if others could read and edit without a sign-in, or listen.
+    Result<void> checkSafety() const {
+        if (options_.insecure) return {};
+        const auto refuse = [](const std::string& what, const std::string& how) {
+            return usdlive::fail(ErrorCode::InvalidConfiguration,
+                                 what + ". " + how +
+                                     ", or start with --insecure if the network "
+                                     "itself keeps everybody else out");
+        };
+        if (options_.dds && access_.isRequired() && options_.ddsSecurity.empty())
+            return refuse("DDS does not ask users to sign in",
+                          "Set up DDS Security (--dds-security DIR)");
+        if (isLoopbackHost(options_.host)) return {};
+        if (!access_.isRequired())
+            return refuse("whoever reaches " + options_.host + " could edit without signing in",
+                          "Add a user first (usdlive user add NAME --at HOST:PORT DIR)");
+        if (options_.tls.empty())
+            return refuse("on the way to " + options_.host + ", tokens and edits could be read",
+                          "Add --tls auto");
+        return {};
+    }
+
+    /// Says every hour what --insecure leaves open.
+    void warnOfOpenDoors() {
+        if (!options_.insecure || http_->isLoopback()) return;
+        log_->write(LogLevel::Warning,
+                    access_.isRequired()
+                        ? "--insecure: whoever listens on the network can read edits and tokens"
+                        : "--insecure: everybody who can reach this address can read and edit",
+                    {{"host", options_.host}});
+        warningTimer_.expires_after(kWarningPause);
+        warningTimer_.async_wait([this](const boost::system::error_code& error) {
+            if (!error) warnOfOpenDoors();
+        });
+    }
+
+    /// Passes the accounts to all projects.
+    void spread(const std::shared_ptr<const Accounts>& accounts,
+                const std::function<void()>& done) {
+        const auto all = projects_.all();
+        const auto left = std::make_shared<std::atomic<std::size_t>>(all.size() + 1);
+        const auto one = [left, done] {
+            if (--*left == 0) done();
+        };
+        for (ServedProject* project : all) project->rolesChanged(accounts, one);
+        one();
+    }
+
     void ready() {
-        if (!http_->isLoopback())
-            log_->write(LogLevel::Warning,
-                        "everybody who can reach this address can read and edit: there is no "
-                        "authentication yet",
-                        {{"host", options_.host}});
+        warnOfOpenDoors();
         if (!options_.portFile.empty())
             if (const auto written = writePortFile(options_.portFile, http_->port()); !written)
                 return fail(written.error());
@@ -244,9 +313,12 @@ private:
     // Keeps io_ running, because stopping projects call back from their threads.
     const asio::executor_work_guard<asio::io_context::executor_type> work_{io_.get_executor()};
     Projects projects_;
+    AccessControl access_;
+    HttpRoutes routes_;
     std::unique_ptr<ServerTls> tls_;  // nullptr: not encrypted
     std::unique_ptr<HttpServer> http_;
     asio::signal_set signals_, hangups_;
+    asio::steady_timer warningTimer_{io_};
     int code_ = 0;
     bool isStopping_ = false;
 };
@@ -258,6 +330,10 @@ int main(int argc, char** argv) {
     ::signal(SIGPIPE, SIG_IGN);
     ::signal(SIGXFSZ, SIG_IGN);  // a file that may not grow is an error, as on a full disk
     raiseLimitOfDescriptors();
+    if (argc > 0 && std::string_view(argv[0]) == kAccountCommands)
+        return runAccountCommand(argc, argv);
+    if (argc > 0 && std::string_view(argv[0]) == kAccessCommands)
+        return runAccessCommand(argc, argv);
     const auto options = parseOptions(argc, argv);
     if (const int* code = std::get_if<int>(&options)) return *code;
     try {

@@ -8,7 +8,27 @@
 
 namespace usdlive::server {
 
-void Project::Impl::connected(SessionId id) { sessions_.add(id); }
+void Project::Impl::connected(SessionId id, std::optional<SignedIn> user) {
+    sessions_.add(id).subject.proof = std::move(user);
+}
+
+void Project::Impl::rolesChanged(const std::function<Role(const SignedIn&)>& roleOf) {
+    for (auto& [id, session] : sessions_.all()) {
+        const auto& proof = session.subject.proof;
+        if (!proof || session.isClosing()) continue;
+        const Role role = roleOf(*proof);
+        if (role == proof->role) continue;
+        session.subject.role = role;  // for the transactions that wait
+        activity_->record({"role changed", proof->user, {}, std::string(nameOf(role))});
+        sessions_.close(
+            session,
+            role == Role::None
+                ? Error{ErrorCode::SignInRequired,
+                        "the access of " + proof->user.value + " to this project was ended"}
+                : Error{ErrorCode::ShuttingDown, "the role of " + proof->user.value + " is now " +
+                                                     std::string(nameOf(role))});
+    }
+}
 
 void Project::Impl::disconnected(SessionId id) {
     const Session* session = sessions_.find(id);
@@ -43,7 +63,11 @@ void Project::Impl::receiveFrame(SessionId id, ByteView bytes) {
                    [&](PreviewFrame& preview) {
                        gestures_.receive(session, std::move(preview), bytes.size());
                    },
-                   [&](BlobFrame& part) { values_.receive(session, std::move(part)); },
+                   [&](BlobFrame& part) {
+                       if (const auto denied = access_.toBigValue(session.subject))
+                           return sessions_.sendError(session, *denied, {}, part.hash);
+                       values_.receive(session, std::move(part));
+                   },
                    [&](auto&) {
                        sessions_.close(session, {ErrorCode::UnknownFrame,
                                                  "a frame of a kind that only the server sends"});

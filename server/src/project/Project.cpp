@@ -49,7 +49,16 @@ Project::Project(Options options, Ports ports, StoreState store,
     : impl_(std::make_unique<Impl>(std::move(options), ports, std::move(store), files)) {}
 Project::~Project() = default;
 
-void Project::connected(SessionId session) { impl_->connected(session); }
+void Project::connected(SessionId session, std::optional<SignedIn> user) {
+    impl_->connected(session, std::move(user));
+}
+void Project::rolesChanged(const std::function<Role(const SignedIn&)>& roleOf) {
+    impl_->rolesChanged(roleOf);
+    impl_->finishCall();
+}
+void Project::setRules(std::shared_ptr<const AccessRules> rules) {
+    impl_->access_.setRules(std::move(rules));
+}
 void Project::received(SessionId session, ByteView message) {
     impl_->received(session, message);
     impl_->finishCall();

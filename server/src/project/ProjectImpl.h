@@ -33,7 +33,8 @@ public:
     Impl& operator=(const Impl&) = default;
 
     // Dispatch.cpp
-    void connected(SessionId id);
+    void connected(SessionId id, std::optional<SignedIn> user);
+    void rolesChanged(const std::function<Role(const SignedIn&)>& roleOf);
     void received(SessionId id, ByteView message);
     void disconnected(SessionId id);
     void receiveFrame(SessionId id, ByteView frame) override;

@@ -61,7 +61,7 @@ public:
 
     void start() override {
         hub_.log.write(LogLevel::Info, "session opened", {{"session", id()}, {"from", "dds"}});
-        open();
+        open(std::nullopt);
     }
 
     void received(Submit submit) override {

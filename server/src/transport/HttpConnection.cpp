@@ -56,8 +56,10 @@ std::string_view view(beast::string_view text) { return {text.data(), text.size(
 HttpTarget targetOf(const Request& request) {
     const std::string_view target = view(request.target());
     const std::size_t mark = target.find('?');
-    if (mark == std::string_view::npos) return {target, {}};
-    return {target.substr(0, mark), target.substr(mark + 1)};
+    HttpTarget parts{.path = target.substr(0, mark),
+                     .authorization = view(request[http::field::authorization])};
+    if (mark != std::string_view::npos) parts.query = target.substr(mark + 1);
+    return parts;
 }
 
 std::string inQuotes(const std::string& etag) { return '"' + etag + '"'; }
@@ -154,16 +156,26 @@ private:
     }
 
     void route(const Request& request) {
-        const HttpTarget target = targetOf(request);
+        HttpTarget target = targetOf(request);
+        beast::error_code ignored;
+        const std::string peer = stream_.socket().remote_endpoint(ignored).address().to_string();
+        target.peer = peer;
         isHead_ = request.method() == http::verb::head;
         if (auto refusal = refusedHost(request)) return answer(std::move(*refusal));
         try {
             const HttpRoute route = hub_.router(target);
             if (const auto* refusal = std::get_if<HttpReply>(&route)) return answer(*refusal);
+            const bool isPost = request.method() == http::verb::post;
+            if (const auto* action = std::get_if<HttpAction>(&route))
+                return isPost
+                           ? get(action->run)
+                           : answer(
+                                 {"text/plain", "only POST\n", kNotAllowed, {{"Allow", "POST"}}});
             if (request.method() != http::verb::get && !isHead_)
-                return answer({"text/plain", "only GET and HEAD\n", kNotAllowed});
+                return answer(
+                    {"text/plain", "only GET and HEAD\n", kNotAllowed, {{"Allow", "GET, HEAD"}}});
             if (const auto* page = std::get_if<HttpPage>(&route)) return get(*page);
-            session(request, *std::get<WebSocketTransport*>(route));
+            session(request, std::get<HttpSessions>(route));
         } catch (const std::exception& fault) {
             hub_.log.write(LogLevel::Error, "http route failed",
                            {{"path", target.path}, {"error", fault.what()}});
@@ -183,7 +195,7 @@ private:
         });
     }
 
-    void session(const Request& request, WebSocketTransport& transport) {
+    void session(const Request& request, const HttpSessions& sessions) {
         // A client has to wait for the answer, so further bytes are not WebSocket.
         if (!beast::websocket::is_upgrade(request) || buffer_.size() != 0)
             return answer({"text/plain", "this is a WebSocket endpoint\n", kUpgradeRequired});
@@ -198,8 +210,8 @@ private:
         done_ = true;
         seat_->giveWayBy(nullptr);
         seat_->moved(steady_clock::now());
-        transport.take(std::make_unique<Upgrade>(
-            Upgrade{parser_.release(), stream_.release(), std::move(seat_)}));
+        sessions.transport->take(std::make_unique<Upgrade>(
+            Upgrade{parser_.release(), stream_.release(), std::move(seat_), sessions.user}));
         hub_.finished(*this);
     }
 
@@ -310,8 +322,6 @@ private:
         if (!reply.etag.empty()) response_.set(http::field::etag, inQuotes(reply.etag));
         // A client may keep what has an ETag, and asks each time whether it is still valid.
         response_.set(http::field::cache_control, reply.etag.empty() ? "no-store" : "no-cache");
-        if (status == http::status::method_not_allowed)
-            response_.set(http::field::allow, "GET, HEAD");
         if (status == http::status::upgrade_required) {
             response_.set(http::field::upgrade, "websocket");
             response_.set(http::field::connection, "upgrade, close");

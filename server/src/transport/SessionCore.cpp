@@ -33,10 +33,10 @@ SessionCore::SessionCore(SessionHub& hub, SessionId id, std::size_t slowReaderBy
                                 [this](SharedBytes frame) { queueBeside(std::move(frame)); },
                                 [this] { close(internal()); }})) {}
 
-void SessionCore::open() {
+void SessionCore::open(const std::optional<SignedIn>& user) {
     state_ = State::Open;
     greetDeadline_ = steady_clock::now() + core_.greetTime;
-    guarded([this] { core_.handler.opened(id_); });
+    guarded([&] { core_.handler.opened(id_, user); });
 }
 
 void SessionCore::deliver(ByteView message) {

@@ -86,7 +86,7 @@ protected:
     [[nodiscard]] State state() const { return state_; }
     [[nodiscard]] bool isOpen() const { return state_ == State::Open; }
     /// Reports the new session to the handler.
-    void open();
+    void open(const std::optional<SignedIn>& user);
     /// Passes a message to the handler.
     void deliver(ByteView message);
     /// Returns whether the session has sent a message that the handler accepted: its hello.

@@ -4,8 +4,10 @@
 #include <boost/beast/http/empty_body.hpp>
 #include <boost/beast/http/message.hpp>
 #include <memory>
+#include <optional>
 
 #include "usdlive/common/net/NetStream.h"
+#include "usdlive/server/project/Subject.h"
 #include "usdlive/server/transport/Seats.h"
 
 namespace usdlive::server {
@@ -15,6 +17,7 @@ struct Upgrade {
     boost::beast::http::request<boost::beast::http::empty_body> request;
     NetStream::Released connection;  ///< belongs to no io_context; is encrypted or not
     std::unique_ptr<Seat> seat;
+    std::optional<SignedIn> user;  ///< nothing if the server does not ask users to sign in
 };
 
 }  // namespace usdlive::server

@@ -250,7 +250,7 @@ private:
         if (state() != State::Opening) return;
         if (error) return end(error.message(), LogLevel::Info);
         upgrade_->seat->moved(steady_clock::now());
-        open();
+        open(upgrade_->user);
         read();
     }
 

@@ -5,12 +5,15 @@
 #include <utility>
 
 #include "basics/SystemUser.h"
+#include "link/OwnName.h"
 #include "transport/Connection.h"
 #include "usd/assets/DynamicPayloads.h"
 #include "usd/editor/ClientImpl.h"
 #include "usdlive/common/core/ClientSecret.h"
 #include "usdlive/common/core/Thread.h"
+#include "usdlive/common/fetch/Join.h"
 #include "usdlive/common/protocol/CheckedControl.h"
+#include "usdlive/common/protocol/Role.h"
 #include "work/Journal.h"
 
 namespace usdlive {
@@ -29,8 +32,17 @@ Client::~Client() {
 // --- connecting
 
 Result<std::unique_ptr<Client>> Client::connect(const std::string& url, Options options) {
-    const auto address = client::parseServerAddress(url);
+    std::string joined;
+    if (isInvitation(url)) {
+        const auto server = parseInvitation(url).and_then(fetch::join);
+        if (!server) return tl::unexpected(server.error());
+        joined = server->url;
+    }
+    const auto address = client::parseServerAddress(joined.empty() ? url : joined);
     if (!address) return tl::unexpected(address.error());
+    auto user = client::nameAt(*address, options.user);
+    if (!user) return tl::unexpected(user.error());
+    options.user = std::move(user->value);
     return ClientInternals::connectBy(
         [address = *address] { return client::createConnection(address); }, std::move(options));
 }
@@ -283,6 +295,10 @@ const std::string& Client::user() const { return here("user").options().user; }
 bool Client::isAdministrator() const {
     const auto& welcome = here("isAdministrator").session().welcome();
     return welcome && welcome->administrator.value_or(false);
+}
+std::string Client::role() const {
+    const auto& welcome = here("role").session().welcome();
+    return welcome ? welcome->role.value_or(std::string(nameOf(Role::Editor))) : "";
 }
 fs::path Client::cacheFolder() const { return here("cacheFolder").cache().folder(); }
 

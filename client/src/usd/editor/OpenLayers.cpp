@@ -13,6 +13,7 @@
 #include "usd/live/LayerClaims.h"
 #include "usd/places/UsedLayers.h"
 #include "usdlive/common/core/LayerPath.h"
+#include "usdlive/common/protocol/Role.h"
 
 namespace usdlive::client {
 
@@ -345,8 +346,10 @@ void OpenLayers::followLock(const LayerId& id) {
     const auto& states = with_.session.layerStates();
     const auto state = states.find(id);
     const bool locked = state != states.end() && state->second.locked;
-    live->setLockedByOther(locked && state->second.holder != with_.user &&
-                           !welcome->administrator.value_or(false));
+    const bool isOthers =
+        locked && state->second.holder != with_.user && !welcome->administrator.value_or(false);
+    const auto role = roleNamed(welcome->role.value_or(std::string(usdlive::nameOf(Role::Editor))));
+    live->setForbidden(isOthers || (role && *role < Role::Editor));
 }
 
 void OpenLayers::followLocks() {

@@ -5,8 +5,8 @@
 
 namespace usdlive::client {
 
-/// The permission to edit an SdfLayer. The editor may write if the layer has all its content, no
-/// other user has locked it, and the editor's own setting permits it. Without permission, Sdf
+/// The permission to edit an SdfLayer. The editor may write if the layer has all its content, the
+/// server permits it to this user, and so does the editor's own setting. Without permission, Sdf
 /// refuses edits.
 class EditPermission {
 public:
@@ -14,33 +14,35 @@ public:
     explicit EditPermission(const pxr::SdfLayerHandle& layer) : layer_(layer) { set(true, false); }
 
     /// Closes a layer that has not all its content, or opens it.
-    void setClosed(bool closed) { set(closed, lockedByOther_); }
-    void setLockedByOther(bool locked) { set(closed_, locked); }
+    void setClosed(bool closed) { set(closed, forbidden_); }
+    /// Closes a layer that another user has locked, or that the user's role does not permit to
+    /// edit, or opens it.
+    void setForbidden(bool forbidden) { set(closed_, forbidden); }
     /// Permits the client's own writes, whoever has locked the layer, for the lifetime of the
     /// result. The layer is open afterwards.
     class OwnWrites {
     public:
         explicit OwnWrites(EditPermission& permission)
-            : permission_(permission), lockedByOther_(permission.lockedByOther_) {
+            : permission_(permission), forbidden_(permission.forbidden_) {
             permission_.set(false, false);
         }
-        ~OwnWrites() { permission_.set(false, lockedByOther_); }
+        ~OwnWrites() { permission_.set(false, forbidden_); }
         OwnWrites(const OwnWrites&) = delete;
         OwnWrites& operator=(const OwnWrites&) = delete;
 
     private:
         EditPermission& permission_;
-        const bool lockedByOther_;
+        const bool forbidden_;
     };
     /// Gives the layer back with the editor's own setting.
     void release() { set(false, false); }
 
 private:
-    void set(bool closed, bool lockedByOther) {
-        const bool before = closed_ || lockedByOther_;
+    void set(bool closed, bool forbidden) {
+        const bool before = closed_ || forbidden_;
         closed_ = closed;
-        lockedByOther_ = lockedByOther;
-        const bool after = closed || lockedByOther;
+        forbidden_ = forbidden;
+        const bool after = closed || forbidden;
         if (before == after) return;
         // A muted layer never permits edits, so the editor's own setting is unknown.
         if (after) permitted_ = layer_->IsMuted() || layer_->PermissionToEdit();
@@ -49,7 +51,7 @@ private:
 
     const pxr::SdfLayerHandle layer_;
     bool closed_ = false;
-    bool lockedByOther_ = false;
+    bool forbidden_ = false;
     bool permitted_ = true;  // the editor's own setting
 };
 

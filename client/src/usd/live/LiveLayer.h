@@ -62,10 +62,10 @@ public:
         return isFilled() ? surroundings_.view() : nullptr;
     }
 
-    /// Call it when another user has locked or unlocked the layer (LK1). While it is locked,
-    /// `permissionToEdit` is false and Sdf refuses edits of the editor. Afterwards the editor's own
-    /// setting applies again.
-    void setLockedByOther(bool locked) { permission_.setLockedByOther(locked); }
+    /// Call it when another user has locked or unlocked the layer (LK1), or the user's role has
+    /// changed (AC3). While edits are forbidden, `permissionToEdit` is false and Sdf refuses edits
+    /// of the editor. Afterwards the editor's own setting applies again.
+    void setForbidden(bool forbidden) { permission_.setForbidden(forbidden); }
     /// Returns whether a tick has nothing to do for this layer until `wake` is called.
     [[nodiscard]] bool isIdle() const;
 

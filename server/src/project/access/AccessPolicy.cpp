@@ -25,12 +25,32 @@ AccessPolicy::AccessPolicy(const Facts& facts, std::set<UserName> administrators
       startedMs_(facts.steadyMs()) {}
 
 Subject AccessPolicy::subject(UserName user) const {
-    const bool isAdministrator = administrators_.contains(user);
-    return {std::move(user), isAdministrator};
+    const Role role = administrators_.contains(user) ? Role::Admin : Role::Editor;
+    return {std::move(user), role};
+}
+
+Result<Subject> AccessPolicy::subject(const SignedIn& proof, UserName claimed) const {
+    if (claimed.empty()) claimed = proof.user;
+    if (!proof.user.empty() && claimed != proof.user)
+        return fail(ErrorCode::SignInRequired, "you are signed in as " + proof.user.value +
+                                                   ", not as " + claimed.value +
+                                                   ". Connect without naming a user");
+    return Subject{std::move(claimed), proof.role, proof};
+}
+
+std::optional<Error> AccessPolicy::needs(Role role, const Subject& subject,
+                                         const std::string& action) {
+    if (subject.role >= role) return std::nullopt;
+    return Error{ErrorCode::Forbidden, subject.user.value + " is a " +
+                                           std::string(nameOf(subject.role)) +
+                                           " here and may not " + action +
+                                           ". An administrator of the server can give the "
+                                           "role " +
+                                           std::string(nameOf(role)) + " (usdlive user role)"};
 }
 
 bool AccessPolicy::holds(const Subject& subject, const LayerLock& lock) {
-    return subject.isAdministrator || (!lock.holder.empty() && lock.holder == subject.user);
+    return subject.isAdministrator() || (!lock.holder.empty() && lock.holder == subject.user);
 }
 
 /// Returns whether others may take or end the lock: it names no holder, or its holder was not
@@ -55,6 +75,11 @@ void AccessPolicy::left(const Session& session) {
 }
 
 std::optional<Error> AccessPolicy::toLayer(const Subject& subject, const LayerId& layer) const {
+    if (auto denied = needs(Role::Editor, subject, "edit " + layer.value)) return denied;
+    return toLock(subject, layer);
+}
+
+std::optional<Error> AccessPolicy::toLock(const Subject& subject, const LayerId& layer) const {
     const LayerLock lock = facts_->lockAt(layer);
     if (!lock.locked || holds(subject, lock)) return std::nullopt;
     return lockedError(layer, lock);
@@ -62,6 +87,9 @@ std::optional<Error> AccessPolicy::toLayer(const Subject& subject, const LayerId
 
 std::optional<Refused> AccessPolicy::toTransaction(const Subject& subject,
                                                    const Transaction& transaction) const {
+    if (subject.role < Role::Editor && !areRulesFor(subject) && !transaction.edits.empty())
+        return Refused{
+            *needs(Role::Editor, subject, "edit " + transaction.edits.front().layer.value), 0};
     const LayerDocs& docs = facts_->loadedLayers();
     const LayerId* known = nullptr;
     LayerLock lock;
@@ -91,24 +119,28 @@ std::optional<Refused> AccessPolicy::toTransaction(const Subject& subject,
 }
 
 std::optional<Error> AccessPolicy::toHistory(const Subject& subject) const {
-    if (administrators_.empty() || subject.isAdministrator) return std::nullopt;
+    if (subject.proof) return needs(Role::Admin, subject, "replace the history");
+    if (administrators_.empty() || subject.isAdministrator()) return std::nullopt;
     return Error{ErrorCode::InvalidArgument,
                  "only administrators (the --admin option of the server) may replace the history"};
 }
 
-std::optional<Error> AccessPolicy::toCheckpoint(const Subject& /*subject*/,
-                                                const std::string& /*name*/) const {
-    return std::nullopt;
+std::optional<Error> AccessPolicy::toCheckpoint(const Subject& subject,
+                                                const std::string& name) const {
+    return needs(Role::Reviewer, subject, "create the checkpoint " + name);
 }
 
-std::optional<Error> AccessPolicy::toNewLayer(const Subject& /*subject*/,
-                                              const LayerId& /*layer*/) const {
-    return std::nullopt;
+std::optional<Error> AccessPolicy::toNewLayer(const Subject& subject, const LayerId& layer) const {
+    return needs(Role::Editor, subject, "create " + layer.value);
 }
 
-std::optional<Error> AccessPolicy::toFile(const Subject& /*subject*/,
-                                          const std::string& /*path*/) const {
-    return std::nullopt;
+std::optional<Error> AccessPolicy::toFile(const Subject& subject, const std::string& path) const {
+    return needs(Role::Editor, subject, "upload " + path);
+}
+
+std::optional<Error> AccessPolicy::toBigValue(const Subject& subject) const {
+    if (areRulesFor(subject)) return std::nullopt;  // the edit that names it is asked about
+    return needs(Role::Editor, subject, "edit");
 }
 
 }  // namespace usdlive::server

@@ -1,6 +1,7 @@
 // The access rules of a project.
 #pragma once
 
+#include <memory>
 #include <optional>
 #include <set>
 #include <string>
@@ -12,6 +13,7 @@
 #include "layers/LayerListener.h"
 #include "lines/LineListener.h"
 #include "sessions/Session.h"  // Subject
+#include "usdlive/common/access/AccessRules.h"
 #include "usdlive/common/layer/LayerLock.h"
 #include "usdlive/common/layer/SpecLocks.h"
 #include "usdlive/common/layer/TransactionExecutor.h"
@@ -38,20 +40,31 @@ public:
     /// `takeoverMs` is the time after which others may end a lock whose holder is not connected.
     AccessPolicy(const Facts& facts, std::set<UserName> administrators, std::int64_t takeoverMs);
 
+    /// Returns the user who says this name in the hello, if users do not sign in.
     [[nodiscard]] Subject subject(UserName user) const;
+    /// Returns the signed-in user. Error: SignInRequired if `claimed`, the name in the hello, is
+    /// that of somebody else.
+    [[nodiscard]] Result<Subject> subject(const SignedIn& proof, UserName claimed) const;
+
+    /// Replaces the rules that add to roles or take from them (AC6).
+    void setRules(std::shared_ptr<const AccessRules> rules) { rules_ = std::move(rules); }
 
     // --- decisions
 
     /// Decides about edits, saves and reloads of a layer (LK1, LK3).
     [[nodiscard]] std::optional<Error> toLayer(const Subject& subject, const LayerId& layer) const;
+    /// Decides by the lock of the layer alone.
+    [[nodiscard]] std::optional<Error> toLock(const Subject& subject, const LayerId& layer) const;
     /// Decides about a transaction before it is executed (LK1, LK2, LK4). Precondition: its layers
     /// are loaded.
     [[nodiscard]] std::optional<Refused> toTransaction(const Subject& subject,
                                                        const Transaction& transaction) const;
     /// Returns whether toEdits() must be called after the edits were executed.
-    [[nodiscard]] bool dependsOnEffects(const std::vector<Edit>& edits) const;
-    /// Decides about executed edits, which are undone if they are not allowed (LK5). `before` has
-    /// the edited layers before them. Returns the index of the first forbidden edit, and the error.
+    [[nodiscard]] bool dependsOnEffects(const Subject& subject,
+                                        const std::vector<Edit>& edits) const;
+    /// Decides about executed edits, which are undone if they are not allowed (LK5, AC6). `before`
+    /// has the edited layers before them. Returns the index of the first forbidden edit, and the
+    /// error.
     [[nodiscard]] std::optional<std::pair<std::size_t, Error>> toEdits(
         const Subject& subject, const std::vector<ExecutedEdit>& executed,
         const LayerDocs& before) const;
@@ -61,15 +74,18 @@ public:
     /// Decides about the replacement of old commits (CH4). All users may do it if the server has no
     /// administrators.
     [[nodiscard]] std::optional<Error> toHistory(const Subject& subject) const;
-    /// Decides about a new checkpoint (CP1). Always allowed.
+    /// Decides about a new checkpoint (CP1).
     [[nodiscard]] std::optional<Error> toCheckpoint(const Subject& subject,
                                                     const std::string& name) const;
-    /// Decides about a new layer (FI6). Always allowed.
+    /// Decides about a new layer (FI6).
     [[nodiscard]] std::optional<Error> toNewLayer(const Subject& subject,
                                                   const LayerId& layer) const;
-    /// Decides about a new file that is no layer, and about replacing one (FI7). Always allowed.
+    /// Decides about a new file that is no layer, and about replacing one (FI7).
     [[nodiscard]] std::optional<Error> toFile(const Subject& subject,
                                               const std::string& path) const;
+
+    /// Decides about a part of a big value that a transaction or a preview will name (V9).
+    [[nodiscard]] std::optional<Error> toBigValue(const Subject& subject) const;
 
     /// Returns the root layers that lock specs.
     [[nodiscard]] const std::set<LayerId>& lockingRoots() const { return lockingRoots_; }
@@ -81,6 +97,17 @@ public:
     void left(const Session& session) override;
 
 private:
+    /// AC3: returns an error if the user has a lower role.
+    [[nodiscard]] static std::optional<Error> needs(Role role, const Subject& subject,
+                                                    const std::string& action);
+    /// AC6, AC7: decides about one edit by the rules. `doc` is the layer before the transaction;
+    /// nullptr if it is not loaded.
+    [[nodiscard]] std::optional<Error> toOpinion(const Subject& subject, const Edit& edit,
+                                                 const LayerDoc* doc) const;
+    [[nodiscard]] std::optional<Error> toOpinionAt(const AccessRules::Question& question) const;
+    [[nodiscard]] std::optional<Error> toAllBelow(const AccessRules::Question& question,
+                                                  const LayerDoc& doc) const;
+    [[nodiscard]] bool areRulesFor(const Subject& subject) const;
     [[nodiscard]] static bool holds(const Subject& subject, const LayerLock& lock);
     [[nodiscard]] static bool isForeign(const UserName& owner, const Subject& subject);
     [[nodiscard]] bool isFree(const LayerLock& lock) const;
@@ -94,6 +121,7 @@ private:
 
     Wire<const Facts> facts_;
     std::set<UserName> administrators_;
+    std::shared_ptr<const AccessRules> rules_ = std::make_shared<const AccessRules>();
     std::int64_t takeoverMs_;
     std::int64_t startedMs_;
     std::set<LayerId> lockingRoots_;                     ///< after all executed commits

@@ -53,8 +53,8 @@ void AccessPolicy::updateSpecLocks(const LayerId& layer) {
         lockingRoots_.insert(layer);
 }
 
-bool AccessPolicy::dependsOnEffects(const std::vector<Edit>& edits) const {
-    if (!lockingRoots_.empty()) return true;
+bool AccessPolicy::dependsOnEffects(const Subject& subject, const std::vector<Edit>& edits) const {
+    if (!lockingRoots_.empty() || areRulesFor(subject)) return true;
     return std::any_of(edits.begin(), edits.end(),
                        [](const Edit& edit) { return touchesSpecLocks(edit.action); });
 }
@@ -83,7 +83,7 @@ SpecLocks AccessPolicy::specLocksIn(const LayerId& layer, const LayerDocs& befor
 }
 
 bool AccessPolicy::isForeign(const UserName& owner, const Subject& subject) {
-    return !subject.isAdministrator && owner != subject.user;
+    return !subject.isAdministrator() && owner != subject.user;
 }
 
 /// Returns an error if another user has locked the spec of the edit, or a spec below it that the
@@ -104,15 +104,23 @@ std::optional<Error> AccessPolicy::specLockOn(const Subject& subject, const Edit
 }
 
 bool AccessPolicy::mayPreview(const Subject& subject, const std::vector<Edit>& edits) const {
-    for (const Edit& edit : edits)
-        if (toLayer(subject, edit.layer)) return false;
-    if (lockingRoots_.empty()) return true;
     const LayerDocs& docs = facts_->loadedLayers();
+    const auto docOf = [&](const Edit& edit) -> const LayerDoc* {
+        const auto found = docs.find(edit.layer);
+        return found == docs.end() ? nullptr : &found->second;
+    };
+    const bool isByRules = areRulesFor(subject);
+    for (const Edit& edit : edits) {
+        if (toLock(subject, edit.layer)) return false;
+        if (!isByRules && subject.role < Role::Editor) return false;
+        if (isByRules && !edit.address.creation && toOpinion(subject, edit, docOf(edit)))
+            return false;
+    }
+    if (lockingRoots_.empty()) return true;
     std::map<LayerId, SpecLocks> known;
     return std::none_of(edits.begin(), edits.end(), [&](const Edit& edit) {
         if (edit.address.creation || edit.address.path == "/") return false;
-        const auto found = docs.find(edit.layer);
-        const LayerDoc* doc = found == docs.end() ? nullptr : &found->second;
+        const LayerDoc* doc = docOf(edit);
         const auto* set = std::get_if<SetField>(&edit.action);
         const bool isNew = !doc || !doc->has(edit.address.path);
         if (std::holds_alternative<CreateSpec>(edit.action) || (set && isNew && makesOver(*set)))
@@ -127,8 +135,12 @@ std::optional<std::pair<std::size_t, Error>> AccessPolicy::toEdits(
     const Subject& subject, const std::vector<ExecutedEdit>& executed,
     const LayerDocs& before) const {
     std::map<LayerId, SpecLocks> known;
+    const bool isByRules = areRulesFor(subject);
     for (std::size_t index = 0; index < executed.size(); ++index) {
         const Edit& edit = executed[index].edit;
+        if (isByRules)
+            if (auto denied = toOpinion(subject, edit, &before.at(edit.layer)))
+                return std::pair(index, *std::move(denied));
         const auto [entry, added] = known.try_emplace(edit.layer);
         if (added) entry->second = specLocksIn(edit.layer, before);
         const SpecLocks& locks = entry->second;

@@ -72,6 +72,13 @@ void Greeting::greet(Session& session, const Hello& hello) {
                                 {ErrorCode::InvalidArgument,
                                  "the client id " + hello.client.value +
                                      " belongs to whoever has its secret, which was not sent"});
+    if (session.subject.proof) {
+        auto subject = access_->subject(*session.subject.proof, hello.user);
+        if (!subject) return sessions_->close(session, subject.error());
+        session.subject = std::move(*subject);
+    } else {
+        session.subject = access_->subject(hello.user);
+    }
     supersede(hello.client);
     if (sessions_->clients() >= options_->maxSessions)
         return sessions_->close(
@@ -79,7 +86,6 @@ void Greeting::greet(Session& session, const Hello& hello) {
                                                       std::to_string(options_->maxSessions) +
                                                       " sessions, which is the limit"});
     session.client = hello.client;
-    session.subject = access_->subject(hello.user);
     session.application = hello.application;
     for (std::string& feature : features(session.id, hello))
         session.features.insert(std::move(feature));
@@ -266,7 +272,8 @@ void Greeting::sendWelcome(const Session& session, const Hello& hello, bool resu
     if (!session.features.contains(kLayerListFeature)) message.layers = layers_->infos();
     message.maxFrameBytes = options_->maxFrameBytes;
     message.maxBlobBytes = options_->maxBlobBytes;
-    message.administrator = session.subject.isAdministrator;
+    message.administrator = session.subject.isAdministrator();
+    message.role = std::string(nameOf(session.subject.role));
     message.base = start_->oldest();
     message.store = *identity_;
     message.maxTransactionBytes = options_->maxTransactionBytes;

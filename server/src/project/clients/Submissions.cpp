@@ -190,7 +190,7 @@ std::optional<Refused> Submissions::objection(const Author& author,
 void Submissions::execute(const Session& session, Author& author, const QueuedTransaction& queued) {
     const Transaction& transaction = queued.transaction;
     HistoryLine::Submission submission{transaction, queued.bytes, session.subject.user};
-    if (access_->dependsOnEffects(transaction.edits))
+    if (access_->dependsOnEffects(session.subject, transaction.edits))
         submission.check = [&](const Executed& executed,
                                const LayerDocs& before) -> std::optional<Refused> {
             auto locked = access_->toEdits(session.subject, executed.edits, before);

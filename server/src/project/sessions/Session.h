@@ -8,15 +8,10 @@
 
 #include "usdlive/common/protocol/CompactFrame.h"
 #include "usdlive/common/protocol/Control.h"
+#include "usdlive/server/project/Subject.h"
 #include "usdlive/server/project/ports/Outbox.h"  // SessionId
 
 namespace usdlive::server {
-
-/// An authenticated user. The name is the one in hello; there is no authentication yet.
-struct Subject {
-    UserName user;
-    bool isAdministrator = false;
-};
 
 /// The session has sent no hello yet.
 struct AwaitingHello {};

@@ -45,7 +45,7 @@ class SilentLog final : public Log {
 /// Records the server's calls, and lets other threads wait for them.
 class Recorder final : public SessionHandler {
 public:
-    void opened(SessionId session) override {
+    void opened(SessionId session, const std::optional<SignedIn>&) override {
         note([&] { opened_.push_back(session); });
     }
     void received(SessionId session, ByteView message) override {
@@ -138,7 +138,7 @@ protected:
     }
 
     HttpRoute route(std::string_view path) {
-        if (path == "/live") return server_.get();
+        if (path == "/live") return HttpSessions{server_.get()};
         if (path == "/healthz")
             return HttpPage([](const HttpAnswer& answer) {
                 answer({"application/json", "{\"status\":\"ok\"}"});

@@ -68,7 +68,8 @@ public:
     /// allowed.
     [[nodiscard]] std::optional<Error> misuse(const std::string& function, bool blocks) const;
 
-    /// Connects to a server and waits for its welcome. Fails after a second if no server can be
+    /// Connects to a server and waits for its welcome. `url` may also be an invitation, which is
+    /// exchanged for a token first (AC2). Fails after a second if no server can be
     /// reached, and after the time-out if it does not answer.
     [[nodiscard]] static Result<std::unique_ptr<Client>> connect(const std::string& url,
                                                                  Options options);
@@ -304,6 +305,9 @@ public:
     /// Returns true if the server lets the user edit and unlock what others lock. False while the
     /// project is not known.
     [[nodiscard]] bool isAdministrator() const;
+    /// Returns "viewer", "reviewer", "editor" or "admin": what the server lets the user do (AC3).
+    /// Live layers refuse edits of viewers and reviewers. Empty while the project is not known.
+    [[nodiscard]] std::string role() const;
     [[nodiscard]] std::filesystem::path cacheFolder() const;
 
 private:

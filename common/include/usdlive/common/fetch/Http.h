@@ -44,6 +44,7 @@ struct HttpRequest {
     HttpHeaders headers = {};
     Trust trust = Trust::Authorities;
     BodySink* sink = nullptr;  ///< receives the body of a successful answer
+    bool isPost = false;       ///< sends POST, without a body, in place of GET
     bool takesZstd = false;    ///< the server may compress the body (AS5), which is inflated here
 };
 
@@ -69,7 +70,7 @@ public:
     HttpClient(const HttpClient&) = delete;
     HttpClient& operator=(const HttpClient&) = delete;
 
-    /// Sends a GET request and waits for the whole answer. A second one is sent only if the server
+    /// Sends a request and waits for the whole answer. A second one is sent only if the server
     /// has closed a kept connection before it began to answer. Any status is an answer, not a
     /// failure. Redirections are not followed.
     [[nodiscard]] Fetched<HttpAnswer> get(const HttpRequest& request);

@@ -74,9 +74,11 @@ struct Welcome {
     std::optional<Revision> base = {};       ///< commits up to this one were replaced (CH4)
     /// Limit of a transaction in parts (FR8).
     std::optional<std::uint64_t> maxTransactionBytes = {};
-    std::optional<StoreId> store = {};  ///< the identity of the project's store (ID1)
+    std::optional<StoreId> store = {};     ///< the identity of the project's store (ID1)
+    std::optional<std::string> role = {};  ///< the user's role (AC3)
     USDLIVE_FIELDS(protocol, features, project, epoch, revision, hash, resumed, layers,
-                   maxFrameBytes, maxBlobBytes, administrator, base, maxTransactionBytes, store)
+                   maxFrameBytes, maxBlobBytes, administrator, base, maxTransactionBytes, store,
+                   role)
     bool operator==(const Welcome&) const = default;
 };
 /// Server: names that were added to the project's layers, or removed from them. Those of a

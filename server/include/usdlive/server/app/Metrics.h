@@ -48,6 +48,7 @@ private:
 using MetricsOfProjects =
     std::vector<std::pair<std::string, std::shared_ptr<const MetricFamilies>>>;
 /// Returns the page of `GET /metrics`, in Prometheus' text format.
-[[nodiscard]] std::string metricsPage(const HttpCounters& http, const MetricsOfProjects& projects);
+[[nodiscard]] std::string metricsPage(const HttpCounters& http, std::uint64_t refusedSignIns,
+                                      const MetricsOfProjects& projects);
 
 }  // namespace usdlive::server

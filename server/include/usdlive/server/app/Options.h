@@ -27,6 +27,7 @@ struct ServerOptions {
     std::vector<std::string> allowedHosts, allowedOrigins;
     /// The files of a certificate and its key, or kOwnCertificate; empty: not encrypted.
     std::vector<std::string> tls;
+    bool insecure = false;  ///< lets others reach it without sign-in or encryption
     bool dds = false;
     std::string ddsInterface = "lo";
     std::uint64_t ddsDomain = 74;

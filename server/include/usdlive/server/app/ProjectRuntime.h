@@ -22,6 +22,7 @@
 #include "usdlive/server/app/StorageThread.h"
 #include "usdlive/server/app/StoreHistory.h"
 #include "usdlive/server/app/Workers.h"
+#include "usdlive/server/auth/AccessRulesFile.h"
 #include "usdlive/server/files/LayerFiles.h"
 #include "usdlive/server/project/Project.h"
 #include "usdlive/server/transport/Log.h"
@@ -69,6 +70,8 @@ public:
     Result<void> start(ProjectSetup setup);
     /// Adds a transport for this project's sessions.
     void carry(Transport& transport) { transports_.add(transport); }
+    /// See Project::rolesChanged().
+    void rolesChanged(const std::function<Role(const SignedIn&)>& roleOf);
     /// Starts the periodic work, such as looking for new files.
     void serve();
     /// Sends the acknowledgements, closes the sessions, appends the remaining commits, then calls
@@ -84,7 +87,7 @@ public:
 
 private:
     // SessionHandler
-    void opened(SessionId session) override;
+    void opened(SessionId session, const std::optional<SignedIn>& user) override;
     void received(SessionId session, ByteView message) override;
     void closed(SessionId session) override;
     void drained(SessionId session) override;
@@ -101,6 +104,8 @@ private:
     void forgetClientsIn(std::chrono::milliseconds pause);
     void boundHistoryIn(std::chrono::milliseconds pause);
     void lookForSpaceIn(std::chrono::milliseconds pause);
+    void lookForRulesIn(std::chrono::milliseconds pause);
+    void takeRules(AccessRules rules);
 
     boost::asio::io_context& network_;
     WorkerShares& workers_;
@@ -121,9 +126,13 @@ private:
     ServedFiles files_;
     ActivityLog activity_;
 
+    const AccessRulesFile rulesFile_;
+    std::optional<std::string> rulesStamp_;
+    std::shared_ptr<const AccessRules> rules_ = std::make_shared<const AccessRules>();
     ProjectSetup setup_;
+    std::function<Role(const SignedIn&)> roleOf_;  ///< empty: roles have not changed yet
     boost::asio::steady_timer retryTimer_, scanTimer_, sweepTimer_, clientsTimer_, historyTimer_,
-        spaceTimer_;
+        spaceTimer_, rulesTimer_;
     BlobCollector collector_;
     bool sweeping_ = false;
     bool hasSpace_ = true;            ///< last answer of the store

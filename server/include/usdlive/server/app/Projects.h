@@ -9,17 +9,15 @@
 #include <memory>
 #include <optional>
 #include <string>
-#include <string_view>
 #include <vector>
 
 #include "usdlive/server/app/Options.h"
 #include "usdlive/server/app/ServedProject.h"
-#include "usdlive/server/transport/HttpServer.h"
+#include "usdlive/server/transport/Log.h"
 
 namespace usdlive::server {
 
-/// The projects of this process by name, and the HTTP pages about them. Belongs to the thread that
-/// runs `io`.
+/// The projects of this process by name. Belongs to the thread that runs `io`.
 class Projects {
 public:
     using MakeLog = std::function<std::unique_ptr<Log>(const std::string& project)>;
@@ -35,25 +33,17 @@ public:
     Result<void> open(std::function<void()> opened);
     /// Sets the URL of the process, which starts DDS for the projects and the search for new
     /// folders. `announced` gets the first error.
-    void announce(const std::string& url, const HttpServer& http,
-                  std::function<void(Result<void>)> announced);
+    void announce(const std::string& url, std::function<void(Result<void>)> announced);
     /// Stops all projects, then calls `done`.
     void stop(std::function<void()> done);
 
     /// Returns the projects in the order of their names.
-    [[nodiscard]] std::vector<const ServedProject*> all() const;
+    [[nodiscard]] std::vector<ServedProject*> all() const;
     /// Returns true if the process serves several projects or may do so later.
     [[nodiscard]] bool areSeveral() const;
     [[nodiscard]] std::string urlOf(const std::string& base, const ServedProject& project) const;
 
-    /// Returns the route of a target: `/live` and `/NAME/live` open sessions; `/files...` and
-    /// `/NAME/files...` are files of a project; `/`, `/healthz`, `/metrics` and `/projects` are
-    /// pages.
-    [[nodiscard]] HttpRoute route(const HttpTarget& target);
-
 private:
-    using Reports = std::vector<std::pair<std::string, ServedProject::Report>>;
-
     void add(const std::string& name, const std::filesystem::path& folder);
     /// Starts the projects that have no thread.
     void startIn(std::chrono::milliseconds pause);
@@ -61,17 +51,6 @@ private:
     void checkOpened();
     void lookForFoldersIn(std::chrono::milliseconds pause);
     void foldersFound(const std::map<std::string, std::filesystem::path>& found);
-
-    [[nodiscard]] HttpRoute sessionsOf(ServedProject& project);
-    [[nodiscard]] HttpRoute filesOf(ServedProject& project, const HttpTarget& target);
-    /// Says why a project that is not served cannot be used.
-    [[nodiscard]] static HttpReply unavailable(const ServedProject& project);
-    [[nodiscard]] HttpReply notHere(const std::string& what) const;
-    void gather(std::function<void(const Reports&)> done);
-    [[nodiscard]] HttpReply welcome(const Reports& reports) const;
-    [[nodiscard]] HttpReply health(const Reports& reports) const;
-    [[nodiscard]] HttpReply list(const Reports& reports) const;
-    [[nodiscard]] HttpReply metrics(const Reports& reports) const;
 
     struct Entry {
         std::unique_ptr<ServedProject> project;
@@ -90,7 +69,6 @@ private:
     boost::asio::steady_timer folderTimer_, startTimer_;
     std::function<void()> opened_, stopped_;
     std::string url_;  // the process's address; empty before announce()
-    const HttpServer* http_ = nullptr;
 };
 
 }  // namespace usdlive::server

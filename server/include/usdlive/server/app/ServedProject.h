@@ -15,6 +15,7 @@
 #include "usdlive/server/app/Metrics.h"
 #include "usdlive/server/app/Options.h"
 #include "usdlive/server/app/Workers.h"
+#include "usdlive/server/auth/SignIn.h"
 #include "usdlive/server/transport/FileRequest.h"
 #include "usdlive/server/transport/HttpServer.h"
 #include "usdlive/server/transport/Log.h"
@@ -81,6 +82,8 @@ public:
     [[nodiscard]] WebSocketTransport* sessions() const;
     /// Answers a request for a file or the list of files (AS1-AS4), on any thread.
     void answerFile(FileRequest request, HttpAnswer answer);
+    /// Gives signed-in users their roles in these accounts, then calls `done`, on any thread.
+    void rolesChanged(std::shared_ptr<const Accounts> accounts, std::function<void()> done);
     /// Calls `done` once, on the project's thread or this one. A busy project answers late.
     void report(std::function<void(Report)> done);
     /// Notifies all clients, sends the acknowledgements and closes the store. The status becomes

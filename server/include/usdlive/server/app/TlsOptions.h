@@ -1,6 +1,7 @@
 // Loads the certificate that the options name.
 #pragma once
 
+#include <filesystem>
 #include <memory>
 #include <string>
 #include <vector>
@@ -16,5 +17,10 @@ namespace usdlive::server {
 /// folder. Error: InvalidConfiguration says what mends it.
 [[nodiscard]] Result<std::unique_ptr<ServerTls>> loadTls(const ServerOptions& options,
                                                          std::vector<std::string> hosts);
+
+/// Returns the fingerprint of the certificate that `--tls auto` uses for the folder, and creates it
+/// if there is none: for this machine and `host`. Error: InvalidConfiguration.
+[[nodiscard]] Result<std::string> ownFingerprint(const std::filesystem::path& folder,
+                                                 const std::string& host);
 
 }  // namespace usdlive::server

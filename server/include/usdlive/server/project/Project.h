@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <set>
@@ -11,6 +12,7 @@
 #include <variant>
 #include <vector>
 
+#include "usdlive/common/access/AccessRules.h"
 #include "usdlive/common/core/Bytes.h"
 #include "usdlive/common/layer/LayerDoc.h"
 #include "usdlive/common/protocol/Control.h"
@@ -18,6 +20,7 @@
 #include "usdlive/common/protocol/FrameParts.h"
 #include "usdlive/server/project/CommitStore.h"
 #include "usdlive/server/project/PublicText.h"
+#include "usdlive/server/project/Subject.h"
 #include "usdlive/server/project/ports/Ports.h"
 
 namespace usdlive::server {
@@ -148,14 +151,21 @@ public:
 
     // ---- Sessions.
 
-    /// Adds a session. Call it when a connection has opened.
-    void connected(SessionId session);
+    /// Adds a session. Call it when a connection has opened. `user`: whoever signed in, or nothing
+    /// if the server does not ask users to.
+    void connected(SessionId session, std::optional<SignedIn> user = {});
+    /// Ends the sessions of signed-in users whose role is not the one that `roleOf` returns. Those
+    /// who may still read connect again and are told their new role.
+    void rolesChanged(const std::function<Role(const SignedIn&)>& roleOf);
     /// Receives one message. Closes the session with an error if the message violates the protocol.
     void received(SessionId session, ByteView message);
     /// Removes a session. Call it when the connection has ended, whoever closed it.
     void disconnected(SessionId session);
     /// Call it when a session is no longer ports::Outbox::congested() or lags().
     void drained(SessionId session);
+
+    /// Replaces the access rules (AC6).
+    void setRules(std::shared_ptr<const AccessRules> rules);
 
     // ---- Answers of the ports. `session` and `request` are those of the request.
 

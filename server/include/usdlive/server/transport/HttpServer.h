@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -13,6 +14,7 @@
 #include <vector>
 
 #include "usdlive/common/core/Result.h"
+#include "usdlive/server/project/Subject.h"
 #include "usdlive/server/transport/HostNames.h"
 #include "usdlive/server/transport/Log.h"
 #include "usdlive/server/transport/Seats.h"
@@ -61,13 +63,25 @@ using HttpAnswer = std::function<void(HttpReply)>;
 /// Answers a GET request, immediately or later. An exception gives the status 500.
 using HttpPage = std::function<void(HttpAnswer)>;
 
+/// Answers a POST request. Its body is not read.
+struct HttpAction {
+    HttpPage run;
+};
+/// The sessions of a project, and who opens one.
+struct HttpSessions {
+    WebSocketTransport* transport = nullptr;
+    std::optional<SignedIn> user = {};  ///< nothing if users do not sign in
+};
+
 /// The target of a path: a page, a project's WebSocket sessions, or a reply that says why there is
 /// none.
-using HttpRoute = std::variant<HttpPage, WebSocketTransport*, HttpReply>;
+using HttpRoute = std::variant<HttpPage, HttpAction, HttpSessions, HttpReply>;
 /// The target of a request, as the client sent it: not decoded.
 struct HttpTarget {
-    std::string_view path;   ///< without the query
-    std::string_view query;  ///< after the `?`; may be empty
+    std::string_view path;                ///< without the query
+    std::string_view query = {};          ///< after the `?`; may be empty
+    std::string_view authorization = {};  ///< the header
+    std::string_view peer = {};           ///< the address of the client, without its port
 };
 /// Returns the route of a target, which is valid during the call. Called on the server's thread. A
 /// returned transport is used before the next call.

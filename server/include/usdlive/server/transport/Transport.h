@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <span>
 
 #include "usdlive/common/core/Bytes.h"
@@ -18,7 +19,8 @@ namespace usdlive::server {
 class SessionHandler {
 public:
     virtual ~SessionHandler() = default;
-    virtual void opened(SessionId session) = 0;
+    /// `user`: whoever signed in, or nothing if the server does not ask users to.
+    virtual void opened(SessionId session, const std::optional<SignedIn>& user) = 0;
     /// Receives one message. The bytes are valid during the call.
     virtual void received(SessionId session, ByteView message) = 0;
     /// Called once for every opened(), whichever side ended the session. Nothing more is received

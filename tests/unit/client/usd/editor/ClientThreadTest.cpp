@@ -88,6 +88,7 @@ const std::vector<ClientFunction> kFunctions{
     THROWS(pendingTransactions),
     THROWS(id),
     THROWS(user),
+    THROWS(role),
     THROWS(isAdministrator),
     THROWS(cacheFolder),
 };

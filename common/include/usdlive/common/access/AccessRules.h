@@ -1,0 +1,69 @@
+// The rules that add to the roles of users, or take from them.
+#pragma once
+
+#include <cstddef>
+#include <optional>
+#include <set>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "usdlive/common/access/OpinionKind.h"
+#include "usdlive/common/core/Id.h"
+#include "usdlive/common/core/Result.h"
+#include "usdlive/common/protocol/Role.h"
+
+namespace usdlive {
+
+/// One rule. An empty list means all.
+struct AccessRule {
+    bool allows = false;
+    std::set<std::string> users;
+    std::set<Role> roles;
+    std::vector<std::string> layers;  ///< globs: `*` within a name, `**` over several
+    std::vector<std::string>
+        paths;  ///< the same, of prims: `/World/Props/**` has /World/Props, too
+    std::set<OpinionKind> kinds;
+};
+
+/// AC6, AC7: decides which opinions a user may write. A value; immutable after parse(), any thread.
+class AccessRules {
+public:
+    /// Without rules, editors and administrators may write everything.
+    AccessRules() = default;
+    /// Parses the content of `.usdlive/access.json`. Error: InvalidConfiguration names the line or
+    /// the rule.
+    [[nodiscard]] static Result<AccessRules> parse(std::string_view text);
+
+    struct Question {
+        const UserName& user;
+        Role role;
+        const LayerId& layer;
+        std::string_view path;  ///< names a spec; variants and properties count as their prim
+        OpinionKind kind;
+    };
+    struct Decision {
+        bool isAllowed = false;
+        std::optional<std::size_t> rule;  ///< its number, from 1; nothing: the role decided
+    };
+    [[nodiscard]] Decision decide(const Question& question) const;
+
+    /// Returns whether a rule names the user or the role. If not, the role alone decides.
+    [[nodiscard]] bool concern(const UserName& user, Role role) const;
+    /// Returns whether a rule may deny the user something below the prim, which decide() does not
+    /// deny at the prim itself.
+    [[nodiscard]] bool mayDenyBelow(const Question& question) const;
+
+    [[nodiscard]] const std::vector<AccessRule>& rules() const { return rules_; }
+    /// Returns the rule as a sentence: "rule 2 denies transform in /World/Props/** to editors".
+    [[nodiscard]] std::string describe(std::size_t rule) const;
+
+private:
+    std::vector<AccessRule> rules_;
+};
+
+/// Returns whether the glob matches a name with slashes. Between two slashes, `*` stands for any
+/// characters and `?` for one; `**` stands for any number of parts, also none.
+[[nodiscard]] bool matchesGlob(std::string_view glob, std::string_view name);
+
+}  // namespace usdlive

@@ -1,0 +1,261 @@
+// Parses access rules, and decides by the most specific one.
+#include "usdlive/common/access/AccessRules.h"
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+#include <tuple>
+
+#include "usdlive/common/core/Utf8.h"
+
+namespace usdlive {
+
+namespace {
+
+using Json = nlohmann::json;
+
+constexpr int kFormat = 1;
+constexpr std::size_t kMostRules = 1'000, kMostGlobBytes = 1'024;
+constexpr std::string_view kAnyParts = "**";
+
+struct Wrong {
+    std::string text;
+};
+
+std::vector<std::string> textsIn(const Json& rule, const char* name, const std::string& where) {
+    const auto found = rule.find(name);
+    if (found == rule.end()) return {};
+    if (!found->is_array() || found->empty())
+        throw Wrong{"\"" + std::string(name) + "\" of " + where +
+                    " is not a list with at least one text; leave it out to mean all"};
+    std::vector<std::string> texts;
+    for (const Json& one : *found) {
+        if (!one.is_string())
+            throw Wrong{"\"" + std::string(name) + "\" of " + where +
+                        " has something else than texts"};
+        texts.push_back(one.get<std::string>());
+        if (texts.back().empty() || texts.back().size() > kMostGlobBytes)
+            throw Wrong{"\"" + std::string(name) + "\" of " + where +
+                        " has a text that is empty or longer than " +
+                        std::to_string(kMostGlobBytes) + " bytes"};
+    }
+    return texts;
+}
+
+AccessRule ruleIn(const Json& json, const std::string& where) {
+    if (!json.is_object()) throw Wrong{where + " is not an object"};
+    for (const auto& [name, value] : json.items())
+        if (name != "effect" && name != "users" && name != "roles" && name != "layers" &&
+            name != "paths" && name != "kinds")
+            throw Wrong{where + " has an unknown member " + inQuotes(name)};
+    AccessRule rule;
+    const auto effect = json.find("effect");
+    if (effect == json.end() || (*effect != "allow" && *effect != "deny"))
+        throw Wrong{"the effect of " + where + " is neither \"allow\" nor \"deny\""};
+    rule.allows = *effect == "allow";
+    for (std::string& user : textsIn(json, "users", where)) rule.users.insert(std::move(user));
+    for (const std::string& name : textsIn(json, "roles", where)) {
+        const auto role = roleNamed(name);
+        if (!role)
+            throw Wrong{where + " names the role " + inQuotes(name) + ", which does not exist"};
+        rule.roles.insert(*role);
+    }
+    rule.layers = textsIn(json, "layers", where);
+    rule.paths = textsIn(json, "paths", where);
+    for (const std::string& path : rule.paths)
+        if (!path.starts_with('/'))
+            throw Wrong{"the path " + inQuotes(path) + " of " + where + " does not begin with /"};
+    for (const std::string& name : textsIn(json, "kinds", where)) {
+        const auto kind = opinionKindNamed(name);
+        if (!kind) {
+            std::string all;
+            for (const auto one : kOpinionKindNames)
+                all += (all.empty() ? "" : ", ") + std::string(one);
+            throw Wrong{where + " names the kind " + inQuotes(name) + ", which is none of " + all};
+        }
+        rule.kinds.insert(*kind);
+    }
+    return rule;
+}
+
+std::vector<std::string_view> partsOf(std::string_view text) {
+    std::vector<std::string_view> parts;
+    while (!text.empty()) {
+        const std::size_t end = std::min(text.find('/'), text.size());
+        if (end > 0) parts.push_back(text.substr(0, end));
+        text.remove_prefix(std::min(end + 1, text.size()));
+    }
+    return parts;
+}
+
+/// Returns whether a pattern with `*` and `?` matches a text without slashes.
+bool matchesPart(std::string_view pattern, std::string_view text) {
+    std::size_t p = 0, t = 0, star = std::string_view::npos, from = 0;
+    while (t < text.size()) {
+        if (p < pattern.size() && pattern[p] == '*') {
+            star = p++;
+            from = t;
+        } else if (p < pattern.size() && (pattern[p] == text[t] || pattern[p] == '?')) {
+            ++p;
+            ++t;
+        } else if (star != std::string_view::npos) {
+            p = star + 1;
+            t = ++from;
+        } else {
+            return false;
+        }
+    }
+    return pattern.find_first_not_of('*', p) == std::string_view::npos;
+}
+
+/// Returns the characters of a glob before its first wildcard.
+std::string_view literalPart(std::string_view glob) {
+    return glob.substr(0, glob.find_first_of("*?"));
+}
+
+/// Returns the prim that a spec belongs to, without the variants on the way: "/A{v=one}B.x" gives
+/// "/A/B".
+std::string primOf(std::string_view path) {
+    std::string prim;
+    std::size_t depth = 0;
+    for (const char c : path) {
+        if (c == '.' && depth == 0) break;
+        if (c == '}') {
+            --depth;
+            prim += '/';
+        } else if (c == '{') {
+            ++depth;
+        } else if (depth == 0 && !(c == '/' && prim.ends_with('/'))) {
+            prim += c;
+        }
+    }
+    while (prim.size() > 1 && prim.ends_with('/')) prim.pop_back();
+    return prim;
+}
+
+/// Returns the count of literal characters of the longest glob that matches, plus one; 0 if none
+/// does. A list without globs matches everything and gives 1.
+std::size_t strengthOf(const std::vector<std::string>& globs, std::string_view name) {
+    if (globs.empty()) return 1;
+    std::size_t best = 0;
+    for (const std::string& glob : globs)
+        if (matchesGlob(glob, name)) best = std::max(best, literalPart(glob).size() + 2);
+    return best;
+}
+
+bool isFor(const AccessRule& rule, const UserName& user, Role role) {
+    if (!rule.users.empty() && rule.users.contains(user.value)) return true;
+    if (!rule.roles.empty() && rule.roles.contains(role)) return true;
+    return rule.users.empty() && rule.roles.empty();
+}
+
+std::string joined(const std::vector<std::string>& texts) {
+    std::string all;
+    for (const std::string& text : texts) all += (all.empty() ? "" : ", ") + text;
+    return all;
+}
+
+}  // namespace
+
+bool matchesGlob(std::string_view glob, std::string_view name) {
+    const auto patterns = partsOf(glob), parts = partsOf(name);
+    // matched[n]: the patterns so far match the first n parts.
+    std::vector<bool> matched(parts.size() + 1, false);
+    matched[0] = true;
+    for (const std::string_view pattern : patterns) {
+        std::vector<bool> next(parts.size() + 1, false);
+        for (std::size_t n = 0; n <= parts.size(); ++n) {
+            if (pattern == kAnyParts)
+                next[n] = matched[n] || (n > 0 && next[n - 1]);
+            else
+                next[n] = n > 0 && matched[n - 1] && matchesPart(pattern, parts[n - 1]);
+        }
+        matched = std::move(next);
+    }
+    return matched.back();
+}
+
+Result<AccessRules> AccessRules::parse(std::string_view text) try {
+    Json json;
+    try {
+        json = Json::parse(text);
+    } catch (const Json::parse_error& error) {
+        const auto before = text.substr(0, std::min(text.size(), error.byte));
+        throw Wrong{"line " + std::to_string(std::ranges::count(before, '\n') + 1) +
+                    " is not JSON"};
+    }
+    if (!json.is_object() || !json.contains("format") || json["format"] != kFormat)
+        throw Wrong{"\"format\" is not " + std::to_string(kFormat)};
+    for (const auto& [name, value] : json.items())
+        if (name != "format" && name != "rules") throw Wrong{"unknown member " + inQuotes(name)};
+    const auto rules = json.find("rules");
+    if (rules == json.end() || !rules->is_array()) throw Wrong{"\"rules\" is not a list"};
+    if (rules->size() > kMostRules)
+        throw Wrong{"there are more than " + std::to_string(kMostRules) + " rules"};
+    AccessRules all;
+    for (const Json& rule : *rules)
+        all.rules_.push_back(ruleIn(rule, "rule " + std::to_string(all.rules_.size() + 1)));
+    return all;
+} catch (const Wrong& wrong) {
+    return fail(ErrorCode::InvalidConfiguration, wrong.text);
+} catch (const Json::exception& error) {
+    return fail(ErrorCode::InvalidConfiguration, error.what());
+}
+
+AccessRules::Decision AccessRules::decide(const Question& question) const {
+    Decision decision{question.role >= Role::Editor, std::nullopt};
+    if (question.role == Role::Admin || question.role == Role::None) return decision;
+    const std::string prim = primOf(question.path);
+    // In this order: who, where in the namespace, which layer, which kind; then a denial.
+    using Weight = std::tuple<int, std::size_t, std::size_t, bool, bool>;
+    std::optional<Weight> heaviest;
+    for (std::size_t index = 0; index < rules_.size(); ++index) {
+        const AccessRule& rule = rules_[index];
+        if (!isFor(rule, question.user, question.role)) continue;
+        if (!rule.kinds.empty() && !rule.kinds.contains(question.kind)) continue;
+        const std::size_t path = strengthOf(rule.paths, prim);
+        const std::size_t layer = strengthOf(rule.layers, question.layer.value);
+        if (path == 0 || layer == 0) continue;
+        const int who = rule.users.contains(question.user.value) ? 2 : rule.roles.empty() ? 0 : 1;
+        const Weight weight{who, path, layer, !rule.kinds.empty(), !rule.allows};
+        if (heaviest && *heaviest >= weight) continue;
+        heaviest = weight;
+        decision = {rule.allows, index + 1};
+    }
+    return decision;
+}
+
+bool AccessRules::concern(const UserName& user, Role role) const {
+    if (role == Role::Admin || role == Role::None) return false;
+    return std::ranges::any_of(rules_, [&](const auto& rule) { return isFor(rule, user, role); });
+}
+
+bool AccessRules::mayDenyBelow(const Question& question) const {
+    if (question.role == Role::Admin || question.role == Role::None) return false;
+    const std::string prim = primOf(question.path);
+    const std::string below = prim == "/" ? prim : prim + "/";
+    return std::ranges::any_of(rules_, [&](const AccessRule& rule) {
+        if (rule.allows || !isFor(rule, question.user, question.role)) return false;
+        if (!rule.kinds.empty() && !rule.kinds.contains(question.kind)) return false;
+        if (strengthOf(rule.layers, question.layer.value) == 0) return false;
+        return std::ranges::any_of(rule.paths, [&](const std::string& glob) {
+            const std::string_view literal = literalPart(glob);
+            return literal.starts_with(below) || below.starts_with(literal);
+        });
+    });
+}
+
+std::string AccessRules::describe(std::size_t number) const {
+    const AccessRule& rule = rules_.at(number - 1);
+    std::string kinds, who;
+    for (const OpinionKind kind : rule.kinds)
+        kinds += (kinds.empty() ? "" : ", ") + std::string(nameOf(kind));
+    for (const std::string& user : rule.users) who += (who.empty() ? "" : ", ") + user;
+    for (const Role role : rule.roles) who += (who.empty() ? "" : ", ") + std::string(nameOf(role));
+    return "rule " + std::to_string(number) + (rule.allows ? " allows " : " denies ") +
+           (kinds.empty() ? "everything" : kinds) +
+           (rule.paths.empty() ? "" : " in " + joined(rule.paths)) +
+           (rule.layers.empty() ? "" : " of " + joined(rule.layers)) +
+           (who.empty() ? " to everybody" : " to " + who);
+}
+
+}  // namespace usdlive

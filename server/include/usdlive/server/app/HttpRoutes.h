@@ -1,0 +1,63 @@
+// The HTTP addresses of the process and its pages.
+#pragma once
+
+#include <boost/asio/io_context.hpp>
+#include <functional>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "usdlive/server/app/AccessControl.h"
+#include "usdlive/server/app/Projects.h"
+#include "usdlive/server/transport/HttpServer.h"
+
+namespace usdlive::server {
+
+/// Finds what a request asks for: `/live` and `/NAME/live` open sessions; `/files...` and
+/// `/NAME/files...` are files of a project; `/`, `/healthz`, `/metrics` and `/projects` are pages;
+/// `/join` takes an invitation. A user is shown the projects in which they have a role. Belongs to
+/// the thread that runs `io`.
+class HttpRoutes {
+public:
+    /// The other objects must outlive this one.
+    HttpRoutes(boost::asio::io_context& io, const Projects& projects, AccessControl& access)
+        : io_(io), projects_(projects), access_(access) {}
+
+    /// Sets the URL of the process, and the server whose counters `/metrics` shows.
+    void announce(std::string url, const HttpServer& http) {
+        url_ = std::move(url);
+        http_ = &http;
+    }
+
+    [[nodiscard]] HttpRoute route(const HttpTarget& target);
+
+private:
+    /// Nothing: users do not sign in.
+    using User = std::optional<SignedIn>;
+    using Reports = std::vector<std::pair<std::string, ServedProject::Report>>;
+    using Visible = std::vector<ServedProject*>;
+
+    [[nodiscard]] Visible visibleTo(const User& user) const;
+    [[nodiscard]] HttpRoute sessionsOf(ServedProject& project, const User& user) const;
+    [[nodiscard]] static HttpRoute filesOf(ServedProject& project, const HttpTarget& target);
+    /// Says why a project that is not served cannot be used.
+    [[nodiscard]] static HttpReply unavailable(const ServedProject& project);
+    [[nodiscard]] static HttpReply notHere(const std::string& what, const Visible& visible);
+    void gather(const Visible& visible, std::function<void(const Reports&)> done);
+    [[nodiscard]] HttpReply welcome(const Reports& reports) const;
+    [[nodiscard]] HttpReply health(const Reports& reports) const;
+    /// The health for those who have not signed in: without names.
+    [[nodiscard]] HttpReply briefHealth(const Reports& reports) const;
+    [[nodiscard]] HttpReply list(const Reports& reports) const;
+    [[nodiscard]] HttpReply metrics(const Reports& reports) const;
+
+    boost::asio::io_context& io_;
+    const Projects& projects_;
+    AccessControl& access_;
+    std::string url_;  // empty before announce()
+    const HttpServer* http_ = nullptr;
+};
+
+}  // namespace usdlive::server

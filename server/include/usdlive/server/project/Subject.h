@@ -1,0 +1,30 @@
+// The user who acts in a project.
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "usdlive/common/core/Id.h"
+#include "usdlive/common/protocol/Role.h"
+
+namespace usdlive::server {
+
+/// A signed-in user, as a transport passes it on.
+struct SignedIn {
+    /// Empty for the owner of the server's process, who may act in the name of any user.
+    UserName user;
+    Role role = Role::None;
+    std::string token;  ///< the id of the token that proved it, not the token
+};
+
+/// The user of a session and what they may do.
+struct Subject {
+    UserName user;
+    Role role = Role::Editor;
+    /// Nothing if the server does not ask users to sign in: `user` is the name in the hello then.
+    std::optional<SignedIn> proof = {};
+
+    [[nodiscard]] bool isAdministrator() const { return role == Role::Admin; }
+};
+
+}  // namespace usdlive::server

@@ -1,0 +1,250 @@
+// Routes requests, and makes the pages about the projects.
+#include "usdlive/server/app/HttpRoutes.h"
+
+#include <algorithm>
+#include <boost/asio/post.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <utility>
+
+#include "usdlive/common/core/PercentEncoding.h"
+#include "usdlive/server/app/Metrics.h"
+#include "usdlive/server/transport/FileRequest.h"
+
+namespace usdlive::server {
+
+namespace asio = boost::asio;
+
+namespace {
+
+using Json = nlohmann::json;
+using std::chrono::milliseconds;
+using State = ServedProject::State;
+
+constexpr std::string_view kSessions = "/live", kFiles = "/files";
+constexpr const char* kJson = "application/json";
+constexpr unsigned kBadRequest = 400, kNotFound = 404, kUnavailable = 503;
+// Projects that have not answered after this time are reported as busy.
+constexpr milliseconds kReportTime{1'000};
+constexpr std::size_t kMostNamed = 20;
+
+std::string text(const Json& json) {
+    return json.dump(-1, ' ', false, Json::error_handler_t::replace) + "\n";
+}
+
+struct FilesPath {
+    std::string_view project;  ///< percent-encoded
+    std::string_view rest;     ///< empty, or begins with a slash
+};
+/// Splits `/NAME/files...`. Returns nothing for any other path.
+std::optional<FilesPath> splitFilesPath(std::string_view path) {
+    const std::size_t slash = path.find('/', 1);
+    if (slash == std::string_view::npos || !path.substr(slash).starts_with(kFiles))
+        return std::nullopt;
+    const FilesPath split{path.substr(1, slash - 1), path.substr(slash + kFiles.size())};
+    if (!split.rest.empty() && !split.rest.starts_with('/')) return std::nullopt;
+    return split;
+}
+
+}  // namespace
+
+HttpRoutes::Visible HttpRoutes::visibleTo(const User& user) const {
+    Visible visible = projects_.all();
+    if (user)
+        std::erase_if(visible, [&](const ServedProject* project) {
+            return access_.in(project->name(), *user).role == Role::None;
+        });
+    return visible;
+}
+
+HttpRoute HttpRoutes::route(const HttpTarget& target) {
+    const std::string_view path = target.path;
+    if (path == "/join") return HttpAction{access_.join(target)};
+    const User user = access_.isRequired() ? access_.find(target) : std::nullopt;
+    const bool isStranger = access_.isRequired() && !user;
+    if (isStranger && path != "/healthz") return access_.refusal(target);
+    const Visible visible = visibleTo(user);
+    const auto page = [&](HttpReply (HttpRoutes::*make)(const Reports&) const) {
+        return HttpPage([this, make, visible](const HttpAnswer& answer) {
+            gather(visible, [this, make, answer](const Reports& reports) {
+                answer((this->*make)(reports));
+            });
+        });
+    };
+    if (path == "/") return page(&HttpRoutes::welcome);
+    if (path == "/healthz")
+        return page(isStranger ? &HttpRoutes::briefHealth : &HttpRoutes::health);
+    if (path == "/metrics") return page(&HttpRoutes::metrics);
+    if (path == "/projects") return page(&HttpRoutes::list);
+    const auto named = [&](std::string_view encoded) -> ServedProject* {
+        const auto name = percentDecoded(encoded);
+        const auto found = std::ranges::find_if(
+            visible, [&](const ServedProject* one) { return name && one->name() == *name; });
+        return found == visible.end() ? nullptr : *found;
+    };
+    if (path == kSessions) {
+        if (visible.size() == 1) return sessionsOf(*visible.front(), user);
+        return notHere("the address names no project", visible);
+    }
+    if (path.ends_with(kSessions)) {
+        const std::string_view name = path.substr(1, path.size() - kSessions.size() - 1);
+        if (ServedProject* project = named(name)) return sessionsOf(*project, user);
+        return notHere("there is no project \"" + percentDecoded(name).value_or("") + "\" here",
+                       visible);
+    }
+    if (const auto files = splitFilesPath(path))
+        if (ServedProject* project = named(files->project))
+            return filesOf(*project, {.path = files->rest, .query = target.query});
+    if (path.starts_with(kFiles)) {
+        const std::string_view rest = path.substr(kFiles.size());
+        if (rest.empty() || rest.starts_with('/')) {
+            if (visible.size() == 1)
+                return filesOf(*visible.front(), {.path = rest, .query = target.query});
+            return notHere("the address names no project", visible);
+        }
+    }
+    return HttpReply{"text/plain", "there is nothing here\n", kNotFound};
+}
+
+HttpRoute HttpRoutes::filesOf(ServedProject& project, const HttpTarget& target) {
+    auto request = parseFileRequest(target.path, target.query);
+    if (!request) return HttpReply{"text/plain", request.error().message + "\n", kBadRequest};
+    if (project.status().state != State::Serving) return unavailable(project);
+    return HttpPage([&project, request = std::move(*request)](const HttpAnswer& answer) {
+        project.answerFile(request, answer);
+    });
+}
+
+HttpRoute HttpRoutes::sessionsOf(ServedProject& project, const User& user) const {
+    WebSocketTransport* sessions = project.sessions();
+    if (!sessions) return unavailable(project);
+    return HttpSessions{sessions, user ? User(access_.in(project.name(), *user)) : std::nullopt};
+}
+
+HttpReply HttpRoutes::unavailable(const ServedProject& project) {
+    const ServedProject::Status status = project.status();
+    const std::string why = status.error
+                                ? "cannot be opened: " + project.texts()(*status.error).message
+                            : status.state == State::Opening ? "is being opened"
+                                                             : "is being closed";
+    return HttpReply{"text/plain", "the project \"" + project.name() + "\" " + why + "\n",
+                     kUnavailable};
+}
+
+HttpReply HttpRoutes::notHere(const std::string& what, const Visible& visible) {
+    std::string names;
+    for (std::size_t named = 0; named < visible.size(); ++named) {
+        if (named == kMostNamed) {
+            names += ", ...";
+            break;
+        }
+        names += (names.empty() ? "" : ", ") + visible[named]->name();
+    }
+    return {"text/plain",
+            what + (names.empty() ? "; the server has none yet" : "; the server has " + names) +
+                ". Connect to ws://HOST:PORT/PROJECT\n",
+            kNotFound};
+}
+
+void HttpRoutes::gather(const Visible& visible, std::function<void(const Reports&)> done) {
+    struct Gathered {
+        std::map<std::string, ServedProject::Report> reports;
+        std::size_t missing = 0;
+        std::function<void(const Reports&)> done;
+        asio::steady_timer timer;
+
+        void end() {
+            if (!done) return;
+            timer.cancel();
+            const Reports all(reports.begin(), reports.end());
+            std::exchange(done, nullptr)(all);
+        }
+    };
+    auto all = std::make_shared<Gathered>(
+        Gathered{{}, visible.size(), std::move(done), asio::steady_timer(io_, kReportTime)});
+    for (ServedProject* project : visible) {
+        all->reports[project->name()].status = "busy";
+        project->report([this, all, name = project->name()](ServedProject::Report report) {
+            asio::post(io_, [all, name, report = std::move(report)]() mutable {
+                all->reports[name] = std::move(report);
+                if (--all->missing == 0) all->end();
+            });
+        });
+    }
+    if (visible.empty()) return all->end();
+    all->timer.async_wait([all](const boost::system::error_code& error) {
+        if (!error) all->end();
+    });
+}
+
+/// Answers somebody who opens the address in a browser.
+HttpReply HttpRoutes::welcome(const Reports& reports) const {
+    const auto urlOf = [this](const std::string& name) {
+        return projects_.areSeveral() ? url_ + "/" + percentEncoded(name) : url_;
+    };
+    std::string page = "usdlive " USDLIVE_VERSION
+                       ": people edit OpenUSD stages of this server together, at the same time.\n"
+                       "\nProjects\n";
+    std::size_t named = 0;
+    for (const auto& [name, report] : reports) {
+        if (named++ == kMostNamed) {
+            page += "  and " + std::to_string(reports.size() - kMostNamed) + " more: /projects\n";
+            break;
+        }
+        page += "  " + urlOf(name) + "  " + report.status + ", revision " +
+                std::to_string(report.revision) + ", sessions " + std::to_string(report.sessions) +
+                "\n";
+    }
+    if (reports.empty()) page += "  none yet\n";
+    const std::string url = reports.empty() ? url_ : urlOf(reports.front().first);
+    return {"text/plain; charset=utf-8",
+            page + "\nConnect\n  shell:    usdlive ls " + url + "\n  Python:   usdlive.connect(\"" +
+                url + "\", user=\"ada\")\n  OpenUSD:  Usd.Stage.Open(\"usdlive" +
+                url.substr(url.find(':')) + "/LAYER.usda\"), to read\n" +
+                "\nOther pages\n  /projects  /files  /healthz  /metrics\n"};
+}
+
+HttpReply HttpRoutes::health(const Reports& reports) const {
+    Json projects = Json::object();
+    bool isWell = true;
+    for (const auto& [name, report] : reports) {
+        if (!projects_.areSeveral())
+            return {kJson, text({{"status", report.status},
+                                 {"project", name},
+                                 {"revision", report.revision}})};
+        isWell = isWell && report.status == "ok";
+        projects[name] = report.status;
+    }
+    return {kJson, text({{"status", isWell ? "ok" : "degraded"}, {"projects", projects}})};
+}
+
+HttpReply HttpRoutes::briefHealth(const Reports& reports) const {
+    const bool isWell =
+        std::ranges::all_of(reports, [](const auto& one) { return one.second.status == "ok"; });
+    return {kJson, text({{"status", isWell ? "ok" : "degraded"}})};
+}
+
+HttpReply HttpRoutes::list(const Reports& reports) const {
+    Json all = Json::array();
+    for (const auto& [name, report] : reports) {
+        Json one{{"name", name},
+                 {"path", projects_.areSeveral() ? "/" + percentEncoded(name) : ""},
+                 {"status", report.status},
+                 {"revision", report.revision},
+                 {"sessions", report.sessions}};
+        if (!report.reason.empty()) one["reason"] = report.reason;
+        all.push_back(std::move(one));
+    }
+    return {kJson, text({{"projects", all}, {"several", projects_.areSeveral()}})};
+}
+
+HttpReply HttpRoutes::metrics(const Reports& reports) const {
+    MetricsOfProjects all;
+    for (const auto& [name, report] : reports)
+        if (report.metrics) all.emplace_back(projects_.areSeveral() ? name : "", report.metrics);
+    return {"text/plain; version=0.0.4",
+            metricsPage(http_ ? http_->counters() : HttpCounters(), access_.refusals(), all)};
+}
+
+}  // namespace usdlive::server

@@ -1,0 +1,395 @@
+"""Tests who gets in and who may do what, with real processes (AC1-AC7)."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import os
+import pathlib
+import re
+import subprocess
+import time
+
+import pytest
+import usdlive
+from conftest import Server, wait
+from pxr import Sdf, Usd
+
+ROOT = """#usda 1.0
+
+def Xform "World"
+{
+    def Xform "Props"
+    {
+        def Cube "Box"
+        {
+            double size = 1
+        }
+    }
+    def Xform "Hero"
+    {
+    }
+}
+"""
+
+
+@pytest.fixture
+def project(tmp_path):
+    folder = tmp_path / "shots"
+    folder.mkdir()
+    (folder / "root.usda").write_text(ROOT)
+    return folder
+
+
+def usdlive_(*words: object, **environment: str) -> subprocess.CompletedProcess:
+    return subprocess.run([os.environ["USDLIVE_BIN"], *map(str, words)], capture_output=True, text=True,
+                          env={**os.environ, **environment}, timeout=30)
+
+
+def user(*words: object) -> str:
+    """Runs `usdlive user` and returns what it prints."""
+    ran = usdlive_("user", *words)
+    assert ran.returncode == 0, ran.stderr
+    return ran.stdout
+
+
+def invited(*words: object) -> str:
+    return re.search(r"usdlive-invitation://\S+", user(*words)).group()
+
+
+class Studio:
+    """A server with users, each of whom has a configuration folder of their own."""
+
+    def __init__(self, folder, serve, tmp_path, monkeypatch):
+        self.folder, self.tmp_path, self.monkeypatch = folder, tmp_path, monkeypatch
+        user("add", "chief", "--role", "admin", "--at", "127.0.0.1:1", folder)
+        self.server = serve(folder)
+        self.be("nobody")
+
+    def home(self, name: str) -> str:
+        return str(self.tmp_path / "homes" / name)
+
+    def be(self, name: str) -> None:
+        self.monkeypatch.setenv("XDG_CONFIG_HOME", self.home(name))
+
+    def join(self, name: str, role: str):
+        """Adds a user, who joins, and returns their connection."""
+        invitation = invited("add", name, "--role", role, self.folder)
+        self.be(name)
+        live = usdlive.connect(invitation)
+        self.be("nobody")
+        return live
+
+    def token(self, name: str) -> str:
+        servers = json.loads((pathlib.Path(self.home(name)) / "usdlive" / "servers.json").read_text())["servers"]
+        return next(iter(servers.values()))["token"]
+
+    def get(self, path: str, token: str = "", method: str = "GET", authorization: str = ""):
+        connection = http.client.HTTPConnection("127.0.0.1", self.server.port, timeout=15)
+        authorization = authorization or (f"Bearer {token}" if token else "")
+        connection.request(method, path, headers={"Authorization": authorization} if authorization else {})
+        answer = connection.getresponse()
+        return answer.status, answer.read().decode()
+
+
+@pytest.fixture
+def studio(project, serve, tmp_path, monkeypatch):
+    return Studio(project, serve, tmp_path, monkeypatch)
+
+
+def opened(live) -> tuple[Usd.Stage, Sdf.Layer]:
+    layer = live.open_layer("root.usda")
+    return Usd.Stage.Open(layer), layer
+
+
+def test_nobody_gets_in_without_a_token(studio):
+    """AC1"""
+    for path in ("/", "/projects", "/metrics", "/files", "/files/root.usda"):
+        status, text = studio.get(path, "0" * 64)
+        assert status == 401 and "usdlive join" in text, path
+    assert studio.get("/healthz") == (200, '{"status":"ok"}\n')
+    assert studio.get("/join") == (405, "only POST\n")
+    with pytest.raises(usdlive.Error, match="usdlive join"):
+        usdlive.connect(studio.server.url)
+    listed = usdlive_("ls", studio.server.url)
+    assert listed.returncode == 1 and "usdlive join" in listed.stderr
+
+
+def test_an_invitation_lets_one_person_in_once(studio, project):
+    """AC2"""
+    invitation = invited("add", "ann", project)
+    studio.be("ann")
+    joined = usdlive_("join", invitation)
+    assert joined.returncode == 0 and joined.stdout.startswith("You are ann at ws://"), joined.stderr
+    home = pathlib.Path(studio.home("ann")) / "usdlive"
+    assert (home / "servers.json").stat().st_mode & 0o777 == 0o600
+    with usdlive.connect(studio.server.url) as live:
+        assert (live.user, live.role) == ("ann", "editor")
+    assert usdlive_("ls", studio.server.url).stdout.startswith("root.usda")
+    studio.be("eve")
+    again = usdlive_("join", invitation)
+    assert again.returncode == 1 and "used already" in again.stderr
+    assert usdlive_("ls", studio.server.url).returncode == 1
+    # A damaged invitation is not sent anywhere, and its code is not shown.
+    damaged = usdlive_("join", invitation[:-1])
+    assert damaged.returncode == 1 and "damaged" in damaged.stderr and invitation[-60:-1] not in damaged.stderr
+
+
+def test_no_secret_is_logged_or_stored(studio, project):
+    live = studio.join("ann", "editor")
+    token = studio.token("ann")
+    studio.get("/projects", token[::-1])
+    live.close()
+    studio.server.stop()
+    for file in (studio.server.log, *project.rglob("*")):
+        if file.is_file():
+            data = file.read_bytes()
+            assert token.encode() not in data and token[::-1].encode() not in data, file
+
+
+def test_users_act_in_their_own_name(studio):
+    """AC1"""
+    ann = studio.join("ann", "editor")
+    ann.close()
+    studio.be("ann")
+    with pytest.raises(usdlive.Error, match="signed in as ann, not as chief"):
+        usdlive.connect(studio.server.url, user="chief")
+
+
+def test_the_owner_of_the_process_needs_no_invitation(studio, project, tmp_path, monkeypatch, serve):
+    """AC1"""
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "owner"))
+    other = tmp_path / "other"
+    other.mkdir()
+    user("add", "ann", "--at", "127.0.0.1:1", other)
+    server = serve(other)
+    token = tmp_path / "owner" / "usdlive" / "local" / str(server.port)
+    assert token.stat().st_mode & 0o777 == 0o600
+    with usdlive.connect(server.url, user="ada") as live:
+        assert (live.user, live.role) == ("ada", "admin")
+    server.stop()
+    assert not token.exists()
+
+
+def test_a_viewer_sees_and_does_not_edit(studio):
+    """AC3"""
+    ann, vic = studio.join("ann", "editor"), studio.join("vic", "viewer")
+    stage, _ = opened(ann)
+    seen, layer = opened(vic)
+    assert vic.role == "viewer" and not layer.permissionToEdit
+    stage.GetPrimAtPath("/World/Props/Box").GetAttribute("size").Set(2.0)
+    ann.flush()
+    wait(lambda: seen.GetPrimAtPath("/World/Props/Box").GetAttribute("size").Get() == 2.0, vic)
+    studio.be("vic")
+    locked = usdlive_("lock", studio.server.url, "root.usda")
+    assert locked.returncode == 1 and "viewer" in locked.stderr
+    for words in (("save", studio.server.url), ("reload", studio.server.url, "root.usda"),
+                  ("checkpoint", studio.server.url, "one")):
+        ran = usdlive_(*words)
+        assert ran.returncode == 1 and "viewer" in ran.stderr, (words, ran.stderr)
+
+
+def test_a_removed_user_is_out_within_a_second(studio, project):
+    """AC4"""
+    ann, bob = studio.join("ann", "editor"), studio.join("bob", "editor")
+    stage, _ = opened(ann)
+    watching, _ = opened(bob)
+    stage.GetPrimAtPath("/World/Props/Box").GetAttribute("size").Set(2.0)
+    ann.flush()
+    assert "has taken the change" in user("remove", "ann", project)
+    # From here on nothing of ann may be accepted.
+    stage.GetPrimAtPath("/World/Props/Box").GetAttribute("size").Set(3.0)
+    removed = time.monotonic()
+    while ann.connected and time.monotonic() < removed + 5:
+        ann.tick()
+        time.sleep(0.01)
+    assert not ann.connected and time.monotonic() - removed < 1
+    assert studio.get("/projects", studio.token("ann"))[0] == 401
+    end = time.monotonic() + 0.5
+    while time.monotonic() < end:
+        bob.tick()
+        ann.tick()
+        time.sleep(0.01)
+    assert watching.GetPrimAtPath("/World/Props/Box").GetAttribute("size").Get() == 2.0
+
+
+def test_a_changed_role_reaches_an_open_editor(studio, project):
+    """AC4"""
+    ann = studio.join("ann", "editor")
+    _, layer = opened(ann)
+    assert layer.permissionToEdit
+    studio.be("ann")  # connecting again needs the token
+    user("role", "ann", "viewer", project)
+    wait(lambda: ann.role == "viewer" and not layer.permissionToEdit, ann)
+    user("role", "ann", "editor", project)
+    wait(lambda: ann.role == "editor" and layer.permissionToEdit, ann)
+
+
+def test_a_revoked_token_ends_one_machine(studio, project):
+    """AC4"""
+    ann = studio.join("ann", "editor")
+    first = studio.token("ann")
+    again = invited("invite", "ann", project)
+    studio.be("laptop")
+    laptop = usdlive.connect(again)
+    listed = json.loads(next(line for line in user("list", "--json", project).splitlines() if '"ann"' in line))
+    user("revoke", listed["tokens"][0]["id"], project)
+    wait(lambda: not ann.connected, ann)
+    assert studio.get("/projects", first)[0] == 401
+    laptop.tick()
+    assert laptop.connected
+
+
+def test_a_project_without_a_role_does_not_exist(tmp_path, monkeypatch):
+    """AC3"""
+    folder = tmp_path / "all"
+    for name in ("open", "secret"):
+        (folder / name).mkdir(parents=True)
+        (folder / name / "root.usda").write_text(ROOT)
+    user("add", "ann", "--at", "127.0.0.1:1", folder)
+    server = Server(folder, tmp_path / "server.log")
+    server.program += ["--projects"]
+    server.start()
+    user("role", "ann", "none", "--project", "secret", folder)
+    invitation = invited("invite", "ann", folder)
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "ann"))
+    assert usdlive_("join", invitation).returncode == 0
+    assert "secret" not in usdlive_("ls", server.url).stdout
+    with pytest.raises(usdlive.Error, match="no project"):
+        usdlive.connect(f"{server.url}/secret")
+    with usdlive.connect(f"{server.url}/open") as live:
+        assert live.role == "editor"
+    assert server.stop() == 0
+
+
+def test_rules_follow_their_file(studio, project):
+    """AC6, AC7: an animator may write time samples of the hero, and nothing else."""
+    ann = studio.join("ann", "editor")
+    stage, layer = opened(ann)
+    rules = project / ".usdlive" / "access.json"
+
+    def write(path: str, time_code=Usd.TimeCode.Default(), value=(1, 2, 3)) -> bool:
+        """Returns whether the server took the edit."""
+        attribute = stage.GetPrimAtPath(path).CreateAttribute("xformOp:translate", Sdf.ValueTypeNames.Double3)
+        before = ann.revision
+        attribute.Set(value, time_code)
+        ann.flush()
+        return ann.revision > before
+
+    assert write("/World/Props/Box")
+    rules.write_text(json.dumps({"format": 1, "rules": [
+        {"effect": "deny", "users": ["ann"]},
+        {"effect": "allow", "users": ["ann"], "paths": ["/World/Hero/**"], "kinds": ["animation"]}]}))
+    wait(lambda: "access rules changed rules=2" in studio.server.log.read_text(), ann)
+    assert write("/World/Hero", 1.0)
+    assert not write("/World/Hero", value=(4, 5, 6))
+    assert not write("/World/Props/Box", 2.0)
+    # Unreadable rules change nothing, and the log says what is wrong with them.
+    rules.write_text('{"format": 1,\n "rules": [}')
+    wait(lambda: "access.json: line 2 is not JSON" in studio.server.log.read_text(), ann)
+    assert not write("/World/Props/Box", 3.0)
+    rules.write_text('{"format": 1, "rules": []}')
+    wait(lambda: "access rules changed rules=0" in studio.server.log.read_text(), ann)
+    assert write("/World/Props/Box", 4.0)
+
+
+def test_a_server_refuses_to_start_with_files_that_it_cannot_trust(project, tmp_path):
+    def start(*options: str) -> str:
+        ran = usdlive_("serve", project, "--port", "0", *options)
+        assert ran.returncode == 1, ran.stdout
+        return ran.stderr
+
+    user("add", "ann", "--at", "127.0.0.1:1", project)
+    users = project / ".usdlive" / "users.json"
+    users.chmod(0o644)
+    assert f"chmod 600 {users}" in start()
+    users.chmod(0o600)
+    good = users.read_text()
+    users.write_text(good.replace("editor", "boss"))
+    assert "the role of the user ann is none of none, viewer" in start()
+    users.write_text(good)
+    (project / ".usdlive" / "access.json").write_text('{"format": 1, "rules": [{"effect": "perhaps"}]}')
+    assert "the effect of rule 1" in start()
+
+
+def test_a_network_is_served_only_safely(project):
+    def start(*options: str) -> str:
+        ran = usdlive_("serve", project, "--port", "0", "--host", "0.0.0.0", *options)
+        assert ran.returncode == 1, ran.stdout
+        return ran.stderr
+
+    refused = start()
+    assert "usdlive user add" in refused and "--insecure" in refused
+    user("add", "ann", "--at", "127.0.0.1:1", project)
+    refused = start()
+    assert "--tls auto" in refused and "--insecure" in refused
+
+
+def test_one_minute_from_a_folder_to_a_safe_server(project, tmp_path, monkeypatch):
+    """An invitation is all that the other end needs, also one that was made before the server ran."""
+    server = Server(project, tmp_path / "server.log", "--host", "0.0.0.0", "--tls", "auto")
+    first = invited("add", "ann", "--at", f"wss://127.0.0.1:{server.port}", project)
+    server.start()
+    second = invited("invite", "ann", "--at", f"127.0.0.1:{server.port}", project)
+    pin = re.compile(r"\?pin=sha256:[0-9a-f]{64}$")
+    assert pin.search(first).group() == pin.search(second).group()
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "ann"))
+    with usdlive.connect(first) as ann:
+        stage, _ = opened(ann)
+        stage.GetPrimAtPath("/World/Props/Box").GetAttribute("size").Set(5.0)
+        ann.flush()
+    # Now the server is known, and no scheme is needed.
+    with usdlive.connect(f"127.0.0.1:{server.port}") as ann:
+        assert (ann.user, ann.role) == ("ann", "editor")
+        assert opened(ann)[0].GetPrimAtPath("/World/Props/Box").GetAttribute("size").Get() == 5.0
+    stage = Usd.Stage.Open(f"usdlive://127.0.0.1:{server.port}/root.usda")
+    assert stage.GetPrimAtPath("/World/Props/Box").GetAttribute("size").Get() == 5.0
+    # Somebody else at the address gets neither the code nor the token.
+    server.stop()
+    (project / ".usdlive" / "tls" / "certificate.pem").unlink()
+    server.start()
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "laptop"))
+    with pytest.raises(usdlive.Error, match="has changed"):
+        usdlive.connect(second)
+    assert server.stop() == 0
+
+
+def test_commands_name_mistakes(project, tmp_path):
+    """Misuse of `usdlive user` names what is wrong and what to do."""
+    def failed(*words: object) -> str:
+        ran = usdlive_("user", *words)
+        assert ran.returncode != 0, ran.stdout
+        return ran.stderr
+
+    assert "add --at HOST:PORT" in failed("add", "ann", project)
+    assert "cannot be the name" in failed("add", "a/b", "--at", "h:1", project)
+    assert not (project / ".usdlive" / "users.json").exists()
+    user("add", "ann", "--at", "h:1", project)
+    assert "already" in failed("add", "ann", "--at", "h:1", project)
+    assert "'bob'" in failed("remove", "bob", project) and "'bob'" in failed("role", "bob", "viewer", project)
+    assert "boss" in failed("role", "ann", "boss", project)
+    assert "missing" in failed("list", tmp_path / "missing")
+    assert "HOST:PORT" in failed("invite", "ann", "--at", "nowhere", project)
+    assert failed().count("\n") >= 1
+
+
+def test_rules_are_explained(project):
+    """`usdlive access` decides as the server does."""
+    def access(*words: object) -> str:
+        ran = usdlive_("access", project, *words)
+        assert ran.returncode == 0, ran.stderr
+        return ran.stdout
+
+    user("add", "ann", "--at", "h:1", project)
+    assert "roles alone decide" in access()
+    (project / ".usdlive" / "access.json").write_text(json.dumps({"format": 1, "rules": [
+        {"effect": "deny", "roles": ["editor"], "paths": ["/World/Props/**"], "kinds": ["namespace", "schema"]}]}))
+    sentence = "rule 1 denies schema, namespace in /World/Props/** to editor"
+    assert access() == sentence + "\n"
+    told = access("ann", "root.usda", "/World/Props/Box")
+    assert f"no   namespace  ({sentence})" in told and "yes  transform  (the role decides)" in told
+    assert access("ann", "root.usda", "/World", "namespace") == "ann is editor\nyes  namespace  (the role decides)\n"
+    for words, why in ((("bob", "root.usda", "/World"), "'bob'"), (("ann", "root.usda", "World"), "path"),
+                       (("ann", "root.usda"), "PATH"), (("ann", "root.usda", "/", "colour"), "colour")):
+        ran = usdlive_("access", project, *words)
+        assert ran.returncode != 0 and why in ran.stderr, (words, ran.stderr)

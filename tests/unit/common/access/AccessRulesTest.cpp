@@ -1,0 +1,153 @@
+// Tests which opinions access rules let a user write (AC6, AC7).
+#include "usdlive/common/access/AccessRules.h"
+
+#include <gtest/gtest.h>
+
+namespace usdlive {
+namespace {
+
+AccessRules rules(const std::string& list) {
+    auto parsed = AccessRules::parse(R"({"format": 1, "rules": [)" + list + "]}");
+    if (!parsed) throw std::runtime_error(parsed.error().message);
+    return *parsed;
+}
+
+bool may(const AccessRules& rules, const std::string& path, OpinionKind kind,
+         const std::string& layer = "shot.usda", Role role = Role::Editor,
+         const std::string& user = "ann") {
+    const UserName name{user};
+    const LayerId id{layer};
+    return rules.decide({name, role, id, path, kind}).isAllowed;
+}
+
+std::string problem(const std::string& text) {
+    const auto parsed = AccessRules::parse(text);
+    return parsed ? "" : parsed.error().message;
+}
+
+using enum OpinionKind;
+
+TEST(AccessRules, WithoutRulesTheRoleDecides) {
+    for (const auto& [role, allowed] : {std::pair(Role::None, false),
+                                        {Role::Viewer, false},
+                                        {Role::Reviewer, false},
+                                        {Role::Editor, true},
+                                        {Role::Admin, true}})
+        EXPECT_EQ(may({}, "/World", Namespace, "a.usda", role), allowed) << nameOf(role);
+}
+
+TEST(AccessRules, AC6EachPartOfARuleLimitsIt) {
+    const auto denies = [](const std::string& part) {
+        return rules(R"({"effect": "deny")" + part + "}");
+    };
+    EXPECT_FALSE(may(denies(""), "/World", Transform));
+    const AccessRules users = denies(R"(, "users": ["ann"])");
+    EXPECT_FALSE(may(users, "/World", Transform));
+    EXPECT_TRUE(may(users, "/World", Transform, "shot.usda", Role::Editor, "bob"));
+    const AccessRules roles = denies(R"(, "roles": ["editor"])");
+    EXPECT_FALSE(may(roles, "/World", Transform));
+    EXPECT_TRUE(may(roles, "/World", Transform, "shot.usda", Role::Admin));
+    const AccessRules layers = denies(R"(, "layers": ["sets/**", "*.usdc"])");
+    EXPECT_TRUE(may(layers, "/World", Transform));
+    EXPECT_FALSE(may(layers, "/World", Transform, "sets/a/b.usda"));
+    EXPECT_FALSE(may(layers, "/World", Transform, "b.usdc"));
+    EXPECT_TRUE(may(layers, "/World", Transform, "a/b.usdc"));
+    const AccessRules paths = denies(R"(, "paths": ["/World/Props/**"])");
+    EXPECT_TRUE(may(paths, "/World", Transform));
+    EXPECT_FALSE(may(paths, "/World/Props", Transform));
+    EXPECT_FALSE(may(paths, "/World/Props.xformOp:translate", Transform));
+    EXPECT_FALSE(may(paths, "/World{v=one}Props/A{w=two}B.x", Transform));
+    EXPECT_TRUE(may(paths, "/World/PropsOfOthers", Transform));
+    const AccessRules kinds = denies(R"(, "kinds": ["namespace", "schema"])");
+    EXPECT_FALSE(may(kinds, "/World", Namespace));
+    EXPECT_FALSE(may(kinds, "/World", Schema));
+    EXPECT_TRUE(may(kinds, "/World", Transform));
+}
+
+TEST(AccessRules, AC6TheMostSpecificRuleWins) {
+    // Only animation, and only of characters.
+    const AccessRules animator = rules(R"(
+        {"effect": "deny", "users": ["ann"]},
+        {"effect": "allow", "users": ["ann"], "paths": ["/World/Characters/**"], "kinds": ["animation"]})");
+    EXPECT_TRUE(may(animator, "/World/Characters/Hero.xformOp:translate", Animation));
+    EXPECT_FALSE(may(animator, "/World/Characters/Hero.xformOp:translate", Transform));
+    EXPECT_FALSE(may(animator, "/World/Props/Box.xformOp:translate", Animation));
+    // A rule that names the user comes before one with a longer path.
+    const AccessRules except = rules(R"(
+        {"effect": "deny", "paths": ["/World/Props/**"]},
+        {"effect": "allow", "users": ["ann"]})");
+    EXPECT_TRUE(may(except, "/World/Props", Transform));
+    EXPECT_FALSE(may(except, "/World/Props", Transform, "a.usda", Role::Editor, "bob"));
+    // A denial wins among equals, in both orders.
+    for (const char* both : {R"({"effect": "deny"}, {"effect": "allow"})",
+                             R"({"effect": "allow"}, {"effect": "deny"})"})
+        EXPECT_FALSE(may(rules(both), "/World", Transform));
+    // Nobody locks administrators out.
+    EXPECT_TRUE(may(rules(R"({"effect": "deny"})"), "/", Metadata, "a.usda", Role::Admin));
+}
+
+TEST(AccessRules, AC6ARuleAddsToARole) {
+    const AccessRules added = rules(R"(
+        {"effect": "allow", "roles": ["reviewer"], "paths": ["/Notes/**"], "kinds": ["metadata"]})");
+    EXPECT_TRUE(may(added, "/Notes/One", Metadata, "a.usda", Role::Reviewer));
+    EXPECT_FALSE(may(added, "/World", Metadata, "a.usda", Role::Reviewer));
+    EXPECT_FALSE(may(added, "/Notes/One", Metadata, "a.usda", Role::Viewer));
+    EXPECT_TRUE(added.concern({"ann"}, Role::Reviewer));
+    EXPECT_FALSE(added.concern({"ann"}, Role::Editor));
+}
+
+TEST(AccessRules, MayDenyBelowAPrim) {
+    const AccessRules deep = rules(R"(
+        {"effect": "deny", "paths": ["/World/Props/**", "/Sets/*/Rig"], "kinds": ["namespace"]})");
+    const UserName ann{"ann"};
+    const LayerId layer{"a.usda"};
+    const auto below = [&](std::string_view path) {
+        return deep.mayDenyBelow({ann, Role::Editor, layer, path, Namespace});
+    };
+    EXPECT_TRUE(below("/"));
+    EXPECT_TRUE(below("/World"));
+    EXPECT_TRUE(below("/Sets/A"));
+    EXPECT_FALSE(below("/Wor"));
+    EXPECT_FALSE(below("/Cameras"));
+}
+
+TEST(AccessRules, Globs) {
+    for (const auto& [glob, name, matches] :
+         std::vector<std::tuple<const char*, const char*, bool>>{
+             {"**", "/", true},
+             {"/**", "/", true},
+             {"/**", "/A/B", true},
+             {"/*", "/A", true},
+             {"/*", "/A/B", false},
+             {"/A/**", "/A", true},
+             {"/A/**/D", "/A/D", true},
+             {"/A/**/D", "/A/B/C/D", true},
+             {"/A/**/D", "/A/B/C", false},
+             {"/A*B?", "/AxxBy", true},
+             {"/A*B?", "/AxxB", false},
+             {"*.usda", "a/b.usda", false},
+             {"**/*.usda", "a/b.usda", true},
+             {"/a*a*a*a*a*a*a*a*b", "/aaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaa", false}})
+        EXPECT_EQ(matchesGlob(glob, name), matches) << glob << " " << name;
+}
+
+TEST(AccessRules, BadInputIsNamed) {
+    EXPECT_NE(problem("{\n\"format\": 1,\n}").find("line 3"), std::string::npos);
+    EXPECT_NE(problem(R"({"format": 2, "rules": []})").find("format"), std::string::npos);
+    const auto wrong = [](const std::string& rule) {
+        return problem(R"({"format": 1, "rules": [{"effect": "allow"}, )" + rule + "]}");
+    };
+    EXPECT_NE(wrong(R"({"effect": "maybe"})").find("rule 2"), std::string::npos);
+    EXPECT_NE(wrong(R"({"effect": "deny", "role": ["editor"]})").find("role"), std::string::npos);
+    EXPECT_NE(wrong(R"({"effect": "deny", "roles": ["boss"]})").find("boss"), std::string::npos);
+    EXPECT_NE(wrong(R"({"effect": "deny", "kinds": ["shaders"]})").find("shading"),
+              std::string::npos);
+    EXPECT_NE(wrong(R"({"effect": "deny", "paths": ["World"]})").find("begin"), std::string::npos);
+    EXPECT_NE(wrong(R"({"effect": "deny", "users": []})").find("leave it out"), std::string::npos);
+    EXPECT_NE(wrong("7").find("not an object"), std::string::npos);
+    EXPECT_FALSE(problem("[]").empty());
+    EXPECT_FALSE(problem("").empty());
+}
+
+}  // namespace
+}  // namespace usdlive

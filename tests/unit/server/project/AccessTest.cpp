@@ -1,0 +1,226 @@
+// Tests what signed-in users may do (AC3, AC4, AC6).
+#include <gtest/gtest.h>
+
+#include "FakeHost.h"
+
+namespace usdlive::server::projecttest {
+namespace {
+
+class ProjectAccess : public ::testing::Test {
+protected:
+    static constexpr SessionId kViewer = 1, kReviewer = 2, kEditor = 3, kAdmin = 4;
+
+    void SetUp() override {
+        world.start();
+        for (const auto& [session, role] : {std::pair(kViewer, Role::Viewer),
+                                            {kReviewer, Role::Reviewer},
+                                            {kEditor, Role::Editor},
+                                            {kAdmin, Role::Admin}})
+            join(session, role);
+        world.receive(kEditor, ControlMessage(OpenLayer{1, {"a.usda"}, 0}));
+        world.load();
+        world.host.sent.clear();
+    }
+    /// Sets a field of a prim.
+    static Edit note(const std::string& path) {
+        return {{"a.usda"}, {path, {}}, SetField{"comment", {}, doubleValue(1), {}}};
+    }
+    static SignedIn user(SessionId session, Role role) {
+        return {{"user" + std::to_string(session)}, role, "token" + std::to_string(session)};
+    }
+    void join(SessionId session, Role role) {
+        world.project->connected(session, user(session, role));
+        world.receive(session, ControlMessage(world.hello(session)));
+        welcomes[session] = world.nextControl<Welcome>(session);
+        world.host.sent[session].clear();
+    }
+    void setRules(const std::string& list) {
+        auto rules = AccessRules::parse(R"({"format": 1, "rules": [)" + list + "]}");
+        if (!rules) throw std::runtime_error(rules.error().message);
+        world.project->setRules(std::make_shared<const AccessRules>(std::move(*rules)));
+    }
+    /// Returns the code and the message of the refusal; nothing if the transaction was committed.
+    std::optional<Error> refusal(SessionId session, std::vector<Edit> edits) {
+        world.host.sent.clear();
+        world.submit(session, ++sequences[session], std::move(edits), 0);
+        world.store();
+        const auto frame = world.next(session);
+        const auto* refused = std::get_if<RefusalFrame>(&frame);
+        return refused ? std::optional(refused->error) : std::nullopt;
+    }
+    void expectForbidden(SessionId session, std::vector<Edit> edits, const std::string& why) {
+        const auto error = refusal(session, std::move(edits));
+        ASSERT_TRUE(error);
+        EXPECT_EQ(error->code, ErrorCode::Forbidden);
+        EXPECT_NE(error->message.find(why), std::string::npos) << error->message;
+    }
+    std::optional<Error> errorOf(SessionId session, const ControlMessage& request) {
+        world.host.sent.clear();
+        world.receive(session, request);
+        while (!world.silent(session)) {
+            const auto frame = world.next(session);
+            const auto* control = std::get_if<ControlFrame>(&frame);
+            const auto message = control ? decodeControl(control->json)
+                                         : Result<ControlMessage>(fail(ErrorCode::Internal, ""));
+            if (!message) continue;
+            if (const auto* error = std::get_if<ErrorMessage>(&*message))
+                return Error{*errorFromName(error->code), error->message};
+        }
+        return std::nullopt;
+    }
+
+    World world;
+    std::map<SessionId, std::uint64_t> sequences;
+    std::map<SessionId, Welcome> welcomes;
+};
+
+TEST_F(ProjectAccess, AC3TheWelcomeNamesTheRole) {
+    EXPECT_EQ(welcomes[kViewer].role, "viewer");
+    EXPECT_EQ(welcomes[kAdmin].role, "admin");
+    EXPECT_EQ(welcomes[kEditor].administrator, false);
+    EXPECT_EQ(welcomes[kAdmin].administrator, true);
+}
+
+TEST_F(ProjectAccess, AC3EachRoleMayDoMore) {
+    expectForbidden(kViewer, {set("/A.x", 1)}, "user1 is a viewer here and may not edit a.usda");
+    expectForbidden(kReviewer, {set("/A.x", 1)}, "role editor");
+    EXPECT_FALSE(refusal(kEditor, {set("/A.x", 1)}));
+    EXPECT_FALSE(refusal(kAdmin, {set("/A.x", 2)}));
+
+    const auto isForbidden = [this](SessionId session, const ControlMessage& request) {
+        const auto error = errorOf(session, request);
+        return error && error->code == ErrorCode::Forbidden;
+    };
+    const ControlMessage make(CreateLayer{9, {"new.usda"}});
+    const ControlMessage upload(UploadFile{10, "t.png", sha256({}), 0, {}});
+    for (const ControlMessage& request : {make, upload}) {
+        EXPECT_TRUE(isForbidden(kReviewer, request));
+        EXPECT_FALSE(isForbidden(kEditor, request));
+    }
+    const ControlMessage checkpoint(CreateCheckpoint{11, "one"});
+    EXPECT_TRUE(isForbidden(kViewer, checkpoint));
+    EXPECT_FALSE(isForbidden(kReviewer, checkpoint));
+    const ControlMessage compact(CompactHistory{.request = 12, .days = 0});
+    EXPECT_TRUE(isForbidden(kEditor, compact));
+    EXPECT_FALSE(isForbidden(kAdmin, compact));
+}
+
+TEST_F(ProjectAccess, AC3ViewersHaveNoPreviewsAndNoBigValues) {
+    world.receive(kViewer, Frame(PreviewFrame{{}, 1, 0, {set("/A.x", 1)}}));
+    EXPECT_TRUE(world.silent(kEditor));
+    world.receive(kViewer, Frame(BlobFrame{}));
+    EXPECT_EQ(world.nextControl<ErrorMessage>(kViewer).code, "forbidden");
+    world.receive(kEditor, Frame(PreviewFrame{{}, 1, 0, {set("/A.x", 1)}}));
+    EXPECT_FALSE(world.silent(kAdmin));
+}
+
+TEST_F(ProjectAccess, AC1NobodyActsInTheNameOfAnother) {
+    const auto welcomed = [this](SessionId session, const SignedIn& proof,
+                                 const std::string& claimed) -> std::string {
+        world.project->connected(session, proof);
+        Hello hello = world.hello(session);
+        hello.user = {claimed};
+        world.receive(session, ControlMessage(hello));
+        const auto message = decodeControl(world.nextFrame<ControlFrame>(session).json).value();
+        if (const auto* error = std::get_if<ErrorMessage>(&message)) return error->message;
+        return "";
+    };
+    EXPECT_EQ(welcomed(11, user(5, Role::Editor), "user5"), "");
+    EXPECT_EQ(welcomed(12, user(6, Role::Editor), ""), "");
+    EXPECT_NE(welcomed(13, user(7, Role::Editor), "user3").find("signed in as user7"),
+              std::string::npos);
+    // The owner of the process may: they could read all tokens.
+    EXPECT_EQ(welcomed(14, {{}, Role::Admin, "owner"}, "user3"), "");
+}
+
+TEST_F(ProjectAccess, AC4AChangedRoleEndsTheSession) {
+    world.project->rolesChanged([](const SignedIn& one) {
+        return one.user.value == "user3"   ? Role::None
+               : one.user.value == "user4" ? Role::Viewer
+                                           : one.role;
+    });
+    EXPECT_EQ(world.nextControl<ErrorMessage>(kEditor).code, "signInRequired");
+    EXPECT_EQ(world.nextControl<ErrorMessage>(kAdmin).code, "shuttingDown");
+    EXPECT_TRUE(world.silent(kViewer));
+    const Revision before = world.project->durableRevision();
+    world.submit(kEditor, 1, {set("/A.x", 9)}, 0);
+    world.store();
+    EXPECT_EQ(world.project->durableRevision(), before);
+}
+
+TEST_F(ProjectAccess, AC4ATransactionThatWaitsIsRefused) {
+    // The layer is not loaded yet, so the transaction waits.
+    world.submit(kEditor, 1, {set("/A.x", 9, {"b.usda"})}, 0);
+    world.project->rolesChanged(
+        [](const SignedIn& one) { return one.user.value == "user3" ? Role::None : one.role; });
+    const Revision before = world.project->durableRevision();
+    world.load();
+    world.store();
+    EXPECT_EQ(world.project->durableRevision(), before);
+}
+
+TEST_F(ProjectAccess, AC6RulesDecideOnTranslatedAddresses) {
+    ASSERT_FALSE(refusal(kAdmin, {create("/Props"), create("/Props/Box"), create("/Sets")}));
+    const Revision base = world.project->durableRevision();
+    setRules(R"({"effect": "deny", "users": ["user3"], "paths": ["/Sets/**"]})");
+    ASSERT_FALSE(refusal(kEditor, {note("/Props/Box")}));
+    ASSERT_FALSE(
+        refusal(kAdmin, {{{"a.usda"}, {"/Props/Box", {}}, MoveSpec{{"/Sets", {}}, "Box"}}}));
+    // Written before the move, it arrives in /Sets.
+    world.host.sent.clear();
+    world.submit(kEditor, ++sequences[kEditor], {note("/Props/Box")}, base);
+    world.store();
+    const auto frame = world.next(kEditor);
+    const auto* refused = std::get_if<RefusalFrame>(&frame);
+    ASSERT_TRUE(refused);
+    EXPECT_NE(refused->error.message.find("/Sets/Box of a.usda: rule 1 denies everything"),
+              std::string::npos)
+        << refused->error.message;
+}
+
+TEST_F(ProjectAccess, AC6ATransactionIsRefusedAsAWhole) {
+    ASSERT_FALSE(refusal(kAdmin, {create("/Sets")}));
+    setRules(R"({"effect": "deny", "roles": ["editor"], "paths": ["/Sets/**"]})");
+    expectForbidden(kEditor, {create("/Props"), note("/Sets")}, "rule 1");
+    EXPECT_FALSE(world.project->layer({"a.usda"})->has("/Props"));
+    EXPECT_FALSE(refusal(kAdmin, {note("/Sets")}));
+}
+
+TEST_F(ProjectAccess, AC6NothingIsDeletedOrMovedWithWhatIsDeniedBelow) {
+    ASSERT_FALSE(refusal(
+        kAdmin, {create("/World"), create("/World/Props"), create("/Free"), create("/Free/Box")}));
+    setRules(R"({"effect": "deny", "roles": ["editor"], "paths": ["/World/Props/**"],
+                 "kinds": ["namespace"]})");
+    const auto move = [](const std::string& path, const std::string& parent) -> Edit {
+        return {{"a.usda"}, {path, {}}, MoveSpec{{parent, {}}, "Moved"}};
+    };
+    expectForbidden(kEditor, {erase("/World")}, "/World/Props");
+    expectForbidden(kEditor, {move("/World", "/")}, "/World/Props");
+    expectForbidden(kEditor, {move("/Free/Box", "/World/Props")}, "/World/Props/Moved");
+    EXPECT_FALSE(refusal(kEditor, {note("/World/Props")}));
+    EXPECT_FALSE(refusal(kEditor, {erase("/Free")}));
+}
+
+TEST_F(ProjectAccess, AC6ARuleLetsAViewerWrite) {
+    ASSERT_FALSE(refusal(kAdmin, {create("/C")}));
+    setRules(R"({"effect": "allow", "users": ["user1"], "kinds": ["property"],
+                 "paths": ["/A/**"]})");
+    EXPECT_FALSE(refusal(kViewer, {set("/A.x", 1)}));
+    expectForbidden(kViewer, {note("/A")}, "no rule allows it");
+    expectForbidden(kViewer, {note("/C")}, "no rule allows it");
+    expectForbidden(kViewer, {create("/B")}, "user1 may not write");
+    expectForbidden(kReviewer, {set("/A.x", 1)}, "is a reviewer");
+}
+
+TEST_F(ProjectAccess, AC6PreviewsFollowTheRules) {
+    ASSERT_FALSE(refusal(kAdmin, {create("/A"), create("/B")}));
+    setRules(R"({"effect": "deny", "users": ["user3"], "paths": ["/A/**"]})");
+    world.host.sent.clear();
+    world.receive(kEditor, Frame(PreviewFrame{{}, 1, 0, {set("/A.x", 1)}}));
+    EXPECT_TRUE(world.silent(kAdmin));
+    world.receive(kEditor, Frame(PreviewFrame{{}, 1, 0, {set("/B.x", 1)}}));
+    EXPECT_FALSE(world.silent(kAdmin));
+}
+
+}  // namespace
+}  // namespace usdlive::server::projecttest
