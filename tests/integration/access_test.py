@@ -61,7 +61,7 @@ class Studio:
     """A server with users, each of whom has a configuration folder of their own."""
 
     def __init__(self, folder, serve, tmp_path, monkeypatch):
-        self.folder, self.tmp_path, self.monkeypatch = folder, tmp_path, monkeypatch
+        self.folder, self.tmp_path, self.monkeypatch, self.joined = folder, tmp_path, monkeypatch, []
         user("add", "chief", "--role", "admin", "--at", "127.0.0.1:1", folder)
         self.server = serve(folder)
         self.be("nobody")
@@ -76,9 +76,9 @@ class Studio:
         """Adds a user, who joins, and returns their connection."""
         invitation = invited("add", name, "--role", role, self.folder)
         self.be(name)
-        live = usdlive.connect(invitation)
+        self.joined.append(usdlive.connect(invitation))
         self.be("nobody")
-        return live
+        return self.joined[-1]
 
     def token(self, name: str) -> str:
         servers = json.loads((pathlib.Path(self.home(name)) / "usdlive" / "servers.json").read_text())["servers"]
@@ -94,7 +94,10 @@ class Studio:
 
 @pytest.fixture
 def studio(project, serve, tmp_path, monkeypatch):
-    return Studio(project, serve, tmp_path, monkeypatch)
+    studio = Studio(project, serve, tmp_path, monkeypatch)
+    yield studio
+    for live in studio.joined:
+        live.close(timeout=0)
 
 
 def opened(live) -> tuple[Usd.Stage, Sdf.Layer]:
@@ -238,6 +241,7 @@ def test_a_revoked_token_ends_one_machine(studio, project):
     assert studio.get("/projects", first)[0] == 401
     laptop.tick()
     assert laptop.connected
+    laptop.close()
 
 
 def test_a_project_without_a_role_does_not_exist(tmp_path, monkeypatch):

@@ -7,6 +7,7 @@
 #include <boost/asio/buffer.hpp>
 #include <boost/asio/error.hpp>
 #include <boost/asio/ip/tcp.hpp>
+#include <optional>
 #include <vector>
 
 #include "usdlive/common/net/ClientTls.h"
@@ -64,20 +65,17 @@ tl::unexpected<Failure> unreachable(std::string cause, const error_code& error) 
 
 template <class Start>
 error_code HttpClient::Line::wait(Start start, Time end) {
-    bool isDone = false;
-    error_code result, why;
-    start([&](error_code error) {
-        isDone = true;
-        result = error;
-    });
-    for (io_.restart(); !isDone; io_.restart()) {
+    std::optional<error_code> result;
+    error_code why;
+    start([&](error_code error) { result = error; });
+    for (io_.restart(); !result.has_value(); io_.restart()) {
         const auto left = end - steady_clock::now();
         if (!why && isStopped_ && isStopped_()) why = asio::error::operation_aborted;
         if (!why && left <= left.zero()) why = asio::error::timed_out;
         if (why) stream_.close();  // ends the operation
         io_.run_one_for(std::min<steady_clock::duration>(why ? kNotice : left, kNotice));
     }
-    return why ? why : result;
+    return why ? why : *result;
 }
 
 Fetched<void> HttpClient::Line::connect(milliseconds limit, Time end) {
