@@ -90,7 +90,8 @@ void checkAddress(std::string_view text) {
     require(again && again->text() == address->text(), "an address is read from its own text");
     require(address->path.find_first_of(" ?#@\r\n") == std::string::npos,
             "a path has no separators");
-    require(museum::isAllowed(*address, "x," + address->host), "a host in the list is allowed");
+    require(museum::isAllowed(*address, "x," + address->origin.hostInUrl()),
+            "a host in the list is allowed");
     require(!museum::isAllowed(*address, ""), "nothing is allowed without a list");
     require(!museum::chooseAddress(std::string(text), "", "other.example"),
             "a scene cannot choose any host");

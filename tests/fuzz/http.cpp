@@ -46,7 +46,7 @@ public:
         httpOptions.allowedOrigins = {"https://friend"};
         const auto router = [this](const HttpTarget& target) -> HttpRoute {
             const std::string_view path = target.path;
-            if (path == "/live") return sessions.get();
+            if (path == "/live") return HttpSessions{sessions.get()};
             if (path == "/healthz")
                 return HttpPage(
                     [](const HttpAnswer& answer) { answer({"application/json", "{}"}); });
