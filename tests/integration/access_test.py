@@ -112,6 +112,8 @@ def test_nobody_gets_in_without_a_token(studio):
         assert status == 401 and "usdlive join" in text, path
     assert studio.get("/healthz") == (200, '{"status":"ok"}\n')
     assert studio.get("/join") == (405, "only POST\n")
+    # The log is not filled by somebody who goes on.
+    assert studio.server.log.read_text().count("sign-in refused") < 10
     with pytest.raises(usdlive.Error, match="usdlive join"):
         usdlive.connect(studio.server.url)
     listed = usdlive_("ls", studio.server.url)

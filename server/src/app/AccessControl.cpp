@@ -93,8 +93,10 @@ void AccessControl::take(Accounts accounts) {
     });
 }
 
-HttpPage AccessControl::refused(const HttpTarget& target, HttpReply reply) {
-    const milliseconds delay = signIn_.refused(std::string(target.peer), steady_clock::now());
+HttpPage AccessControl::refused(std::string_view peer, std::string_view why, HttpReply reply) {
+    const milliseconds delay = signIn_.refused(std::string(peer), steady_clock::now());
+    if (delay < SignIn::kMostDelay)
+        log_.write(LogLevel::Warning, why, {{"from", peer}, {"answeredAfterMs", delay.count()}});
     const auto timer = std::make_shared<asio::steady_timer>(io_, delay);
     return [timer, reply = std::move(reply)](const HttpAnswer& answer) {
         timer->async_wait([timer, reply, answer](const boost::system::error_code& error) {
@@ -103,9 +105,13 @@ HttpPage AccessControl::refused(const HttpTarget& target, HttpReply reply) {
     };
 }
 
+void AccessControl::cannotWrite(const Error& error, const HttpAnswer& answer) {
+    log_.write(LogLevel::Error, "accounts cannot be changed", {{"error", error.message}});
+    answer({"text/plain", "the server cannot change its accounts; its log says why\n", kInternal});
+}
+
 HttpPage AccessControl::refusal(const HttpTarget& target) {
-    log_.write(LogLevel::Warning, "sign-in refused", {{"from", target.peer}});
-    return refused(target,
+    return refused(target.peer, "sign-in refused",
                    signInFirst(target.authorization.empty()
                                    ? "this server asks users to sign in. Ask for an invitation and "
                                      "run `usdlive join INVITATION`"
@@ -121,7 +127,8 @@ HttpPage AccessControl::join(const HttpTarget& target) {
             answer({"text/plain", "this server asks nobody to sign in: connect without it\n", 404});
         };
     if (!target.authorization.starts_with(kInvitation))
-        return refused(target, signInFirst("the request has no invitation"));
+        return refused(target.peer, "invitation refused",
+                       signInFirst("the request has no invitation"));
     // The answer to a wrong code waits like that to a wrong token. It is not known yet whether this
     // one is wrong.
     return [this, code = std::string(target.authorization.substr(kInvitation.size())),
@@ -135,29 +142,25 @@ HttpPage AccessControl::join(const HttpTarget& target) {
                 return {};
             });
             if (!changed) joined = tl::unexpected(changed.error());
-            asio::post(
-                *io, [this, weak, joined, changed = std::move(changed), peer, answer]() mutable {
-                    if (weak.expired() || !spread_) return;
-                    if (joined) {
-                        take(std::move(*changed));  // so that the token is known when it arrives
-                        log_.write(LogLevel::Info, "user joined the server",
-                                   {{"user", joined->user.value}, {"from", peer}});
-                        return answer(
-                            {"application/json",
-                             nlohmann::json{{"user", joined->user.value}, {"token", joined->token}}
-                                     .dump() +
-                                 "\n",
-                             200,
-                             {{"Cache-Control", "no-store"}}});
-                    }
-                    log_.write(LogLevel::Warning, "invitation refused",
-                               {{"from", peer}, {"error", joined.error().message}});
-                    if (joined.error().code != ErrorCode::SignInRequired)
-                        return answer(
-                            {"text/plain", "the server cannot write its accounts\n", kInternal});
-                    const HttpTarget guess{.path = {}, .peer = peer};
-                    refused(guess, signInFirst(joined.error().message))(answer);
-                });
+            asio::post(*io, [this, weak, joined, changed = std::move(changed), peer,
+                             answer]() mutable {
+                if (weak.expired() || !spread_) return;
+                if (joined) {
+                    take(std::move(*changed));  // so that the token is known when it arrives
+                    log_.write(LogLevel::Info, "user joined the server",
+                               {{"user", joined->user.value}, {"from", peer}});
+                    return answer(
+                        {"application/json",
+                         nlohmann::json{{"user", joined->user.value}, {"token", joined->token}}
+                                 .dump() +
+                             "\n",
+                         200,
+                         {{"Cache-Control", "no-store"}}});
+                }
+                if (joined.error().code != ErrorCode::SignInRequired)
+                    return cannotWrite(joined.error(), answer);
+                refused(peer, "invitation refused", signInFirst(joined.error().message))(answer);
+            });
         });
     };
 }

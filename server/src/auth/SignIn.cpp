@@ -11,8 +11,7 @@ using std::chrono::milliseconds;
 
 constexpr std::string_view kBearer = "Bearer ";
 constexpr const char* kOwner = "owner";
-// Below the time limits of clients, so that they can say why.
-constexpr milliseconds kLeastDelay{100}, kMostDelay{5'000};
+constexpr milliseconds kLeastDelay{100};
 // An address that was not refused for this time is forgotten.
 constexpr std::chrono::minutes kMemory{1};
 constexpr std::size_t kMostAddresses = 10'000;

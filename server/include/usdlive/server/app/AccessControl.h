@@ -55,7 +55,9 @@ public:
 private:
     void followIn(std::chrono::milliseconds pause);
     void take(Accounts accounts);
-    [[nodiscard]] HttpPage refused(const HttpTarget& target, HttpReply reply);
+    void cannotWrite(const Error& error, const HttpAnswer& answer);
+    /// `why` is the event in the log, which is not filled by somebody who goes on.
+    [[nodiscard]] HttpPage refused(std::string_view peer, std::string_view why, HttpReply reply);
 
     boost::asio::io_context& io_;
     Log& log_;

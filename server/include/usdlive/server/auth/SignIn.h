@@ -41,8 +41,11 @@ public:
     [[nodiscard]] static SignedIn in(const Accounts& accounts, SignedIn user,
                                      const std::string& project);
 
+    /// The longest time that an answer waits. Below the time limits of clients, so that they can
+    /// say why.
+    static constexpr std::chrono::milliseconds kMostDelay{5'000};
     /// Returns for how long the answer to one more refused request of an address waits: from 100 ms
-    /// to 5 s.
+    /// to kMostDelay.
     [[nodiscard]] std::chrono::milliseconds refused(const std::string& address,
                                                     std::chrono::steady_clock::time_point now);
     [[nodiscard]] std::uint64_t refusals() const { return refusals_; }
