@@ -350,12 +350,15 @@ def test_damaged_files_of_the_cache_count_as_absent(tmp_path, museum):
         lines = content.split(b"\n")
         lines[1] = b"9" + lines[1]  # fresh for ever
         file.write_bytes([content[:-1], content[:len(content) // 2], b"", b"\n".join(lines), content, content][number % 6])
+    museum.requests.clear()
+    assert ask(tmp_path, museum).result == [3, 5, 5, 5]
+    assert 6 <= sum(museum.requests.values()) < 19  # a third is cut in half or empty, and a third is as it was
     for number, file in enumerate(files(tmp_path / "cache", "files")):
         content = file.read_bytes()
         file.write_bytes([content[:-1], b"", content.replace(b"m", b"n"), content][number % 4])
     museum.requests.clear()
     assert ask(tmp_path, museum).result == [3, 5, 5, 5]
-    assert 12 <= sum(museum.requests.values()) < 19
+    assert 0 < sum(museum.requests.values()) < 19
 
 
 def test_a_cache_that_cannot_be_used_costs_only_the_caching(tmp_path, museum):
