@@ -32,7 +32,7 @@ ALLOWED = {
     "server/storage": [*COMMON_PLAIN, "server/project"],
     "server/transport": [*COMMON_PLAIN, "common/transport", "common/dds", "common/net", "server/project"],
     "server/files": ["common/", "server/project"],
-    "server/auth": [*COMMON_PLAIN, "common/access", "server/project"],
+    "server/auth": [*COMMON_PLAIN, "common/access", "common/net", "server/project"],
     "server/app": ["common/", "server/project", "server/auth", *SERVER_EDGES],
     "client/session": COMMON_PLAIN,
     "client/transport": [*COMMON_PLAIN, "common/transport", "common/dds", "common/net", "common/fetch", "client/session"],

@@ -5,9 +5,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include <cstdlib>
-
 #include "usdlive/common/core/Descriptor.h"
+#include "usdlive/common/net/KnownServers.h"
 #include "usdlive/server/auth/Accounts.h"
 
 namespace usdlive::server {
@@ -18,24 +17,16 @@ namespace {
 
 constexpr mode_t kTokenMode = 0600, kOwnersFolder = 0700;
 
-/// Returns the folder of the user's configuration; empty if there is none.
-fs::path configurationFolder() {
-    const char* folder = std::getenv("XDG_CONFIG_HOME");
-    if (folder && *folder == '/') return folder;
-    const char* home = std::getenv("HOME");
-    return home && *home == '/' ? fs::path(home) / ".config" : fs::path();
-}
-
 }  // namespace
 
 OwnerToken::OwnerToken(std::uint16_t port) {
-    const fs::path folder = configurationFolder();
+    const fs::path folder = KnownServers::folderOfUser();
     if (folder.empty()) return;
     std::error_code ignored;
-    fs::create_directories(folder, ignored);
-    ::mkdir((folder / "usdlive").c_str(), kOwnersFolder);
-    ::mkdir((folder / "usdlive" / "local").c_str(), kOwnersFolder);
-    file_ = folder / "usdlive" / "local" / std::to_string(port);
+    fs::create_directories(folder.parent_path(), ignored);
+    ::mkdir(folder.c_str(), kOwnersFolder);
+    ::mkdir((folder / "local").c_str(), kOwnersFolder);
+    file_ = folder / "local" / std::to_string(port);
     // A new file, so that whoever has opened the one before does not read the new token.
     ::unlink(file_.c_str());
     const Descriptor file(
