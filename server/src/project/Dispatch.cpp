@@ -18,7 +18,6 @@ void Project::Impl::rolesChanged(const std::function<Role(const SignedIn&)>& rol
         if (!proof || session.isClosing()) continue;
         const Role role = roleOf(*proof);
         if (role == proof->role) continue;
-        session.subject.role = role;  // for the transactions that wait
         activity_->record({"role changed", proof->user, {}, std::string(nameOf(role))});
         sessions_.close(
             session,
