@@ -119,7 +119,8 @@ WORDS = {
     "mute": [[NONE, "shot.usda"], ["shot.usda", NONE]],
     "unmute": [[NONE, "shot.usda"], ["shot.usda", NONE]], "lock": [[NONE], ["locked.usda", NONE]],
     "unlock": [[NONE], ["locked.usda", NONE]], "help": [["nothing"]], "completion": [["nothing"]]}
-WITHOUT_NAMES = {"ls", "who", "checkpoints", "checkpoint", "compact", "stat", "serve", "forget", "join", "user", "access"}
+WITHOUT_NAMES = {"ls", "who", "checkpoints", "checkpoint", "compact", "stat", "serve", "forget", "join", "user", "access",
+                 "grant", "deny", "revoke", "audit"}
 
 
 def ended(*words):

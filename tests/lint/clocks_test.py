@@ -11,6 +11,7 @@ WALL_CLOCK = re.compile(r"system_clock|file_time_type::clock|file_clock|utc_cloc
 ALLOWED = {
     "server/src/app/AccessControl.cpp": "the end of an invitation, a day",
     "server/src/app/AccountCommands.cpp": "the end of an invitation, and when tokens were made, for people",
+    "server/src/auth/AuditFile.cpp": "the time of a record, for people",
     "server/src/app/ServedProject.cpp": "the project's clock; TimeOfDay leaves out its jumps (CH6)",
     "server/src/files/AssetFiles.cpp": "compares it with the times of files",
     "server/src/transport/DdsServer.cpp": "the start time of the server, which other processes compare (DD1)",

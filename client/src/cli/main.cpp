@@ -3,6 +3,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <csignal>
 #include <iostream>
 #include <string_view>
@@ -58,7 +59,9 @@ int completion(const CLI::App& app, int argc, char** argv) {
 
 /// Returns whether `usdlive-server` runs the verb.
 bool isOfServer(std::string_view verb) {
-    return verb == "serve" || verb == "user" || verb == "access";
+    static constexpr std::array kVerbs{"serve", "user",   "access", "grant",
+                                       "deny",  "revoke", "audit"};
+    return std::ranges::find(kVerbs, verb) != kVerbs.end();
 }
 
 int run(int argc, char** argv) {

@@ -174,6 +174,22 @@ bool matchesGlob(std::string_view glob, std::string_view name) {
     return matched.back();
 }
 
+std::string textOf(const AccessRule& rule) {
+    nlohmann::ordered_json json{{"effect", rule.allows ? "allow" : "deny"}};
+    const auto add = [&](const char* name, std::vector<std::string> texts) {
+        if (!texts.empty()) json[name] = std::move(texts);
+    };
+    add("users", {rule.users.begin(), rule.users.end()});
+    std::vector<std::string> roles, kinds;
+    for (const Role role : rule.roles) roles.emplace_back(nameOf(role));
+    for (const OpinionKind kind : rule.kinds) kinds.emplace_back(nameOf(kind));
+    add("roles", std::move(roles));
+    add("layers", rule.layers);
+    add("paths", rule.paths);
+    add("kinds", std::move(kinds));
+    return json.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
+}
+
 Result<AccessRules> AccessRules::parse(std::string_view text) try {
     Json json;
     try {

@@ -1,13 +1,20 @@
-// Prints access rules, and decides as the server does.
+// Prints and changes access rules, and decides as the server does.
 #include "usdlive/server/app/AccessCommands.h"
 
 #include <CLI/CLI.hpp>
+#include <array>
+#include <chrono>
 #include <filesystem>
 #include <iostream>
 #include <optional>
+#include <string>
+#include <thread>
+#include <vector>
 
 #include "usdlive/common/core/Utf8.h"
 #include "usdlive/common/layer/SpecPath.h"
+#include "usdlive/server/app/AdminCommands.h"
+#include "usdlive/server/app/RunningServer.h"
 #include "usdlive/server/auth/AccessRulesFile.h"
 #include "usdlive/server/auth/Accounts.h"
 
@@ -15,28 +22,34 @@ namespace usdlive::server {
 
 namespace {
 
-constexpr int kNotReadable = 1, kNotUnderstood = 2;
+constexpr std::chrono::milliseconds kTakenTime{3'000}, kTakenLook{20};
 
 struct Asked {
     std::filesystem::path folder;
     std::string user, layer, path, kind;
 };
 
-/// Returns the role of the user in the project of the folder. The accounts are in the folder, or in
-/// the one of `--projects` above it.
+struct Changed {
+    std::filesystem::path folder;
+    std::vector<std::string> users, roles, layers, paths, kinds;
+    std::size_t number = 0;
+    bool isUnchecked = false;
+};
+
+tl::unexpected<Error> unknownUser(const std::string& user, const AccountsFile& file) {
+    return fail(ErrorCode::InvalidArgument,
+                "there is no user " + inQuotes(user) + " in " + file.path().string());
+}
+
+/// Returns the role of the user in the project of the folder.
 Result<Role> roleOf(const Asked& asked) {
-    std::error_code ignored;
-    const auto folder = std::filesystem::canonical(asked.folder, ignored);
-    for (const auto& place : {folder, folder.parent_path()}) {
-        const auto accounts = AccountsFile(place).read();
-        if (!accounts) return tl::unexpected(accounts.error());
-        if (!*accounts) continue;
+    const AccountsFile file(accountsFolderOf(asked.folder));
+    const auto accounts = file.read();
+    if (!accounts) return tl::unexpected(accounts.error());
+    if (*accounts) {
         const auto found = (*accounts)->users().find(UserName{asked.user});
-        if (found == (*accounts)->users().end())
-            return fail(ErrorCode::InvalidArgument, "there is no user " + inQuotes(asked.user) +
-                                                        " in " +
-                                                        AccountsFile(place).path().string());
-        const auto own = found->second.projects.find(folder.filename().string());
+        if (found == (*accounts)->users().end()) return unknownUser(asked.user, file);
+        const auto own = found->second.projects.find(projectNameOf(asked.folder));
         return own == found->second.projects.end() ? found->second.role : own->second;
     }
     return Role::Editor;  // nobody signs in
@@ -52,13 +65,6 @@ void explain(const AccessRules& rules, const Asked& asked, Role role) {
         std::cout << (decision.isAllowed ? "yes  " : "no   ") << kOpinionKindNames[index] << "  ("
                   << (decision.rule ? rules.describe(*decision.rule) : "the role decides") << ")\n";
     }
-}
-
-/// Returns the exit code, or that of an error if the output could not be written.
-int accessCommandEnded(int code) {
-    if (std::cout.flush()) return code;
-    std::cerr << kAccessCommands << ": standard output cannot be written\n";
-    return kNotReadable;
 }
 
 Result<void> answer(const Asked& asked) {
@@ -78,38 +84,170 @@ Result<void> answer(const Asked& asked) {
     return {};
 }
 
-}  // namespace
+/// Returns whether a glob matches the path of a layer's file.
+bool matchesFile(const std::string& glob, const std::filesystem::path& folder) {
+    std::error_code error;
+    std::filesystem::recursive_directory_iterator place(folder, error), end;
+    for (; !error && place != end; place.increment(error)) {
+        const std::string name = place->path().filename();
+        if (name.starts_with('.')) {
+            place.disable_recursion_pending();
+            continue;
+        }
+        if (!place->path().extension().string().starts_with(".usd")) continue;
+        if (matchesGlob(glob, place->path().lexically_relative(folder).string())) return true;
+    }
+    return false;
+}
 
-int runAccessCommand(int argc, const char* const* argv) {
-    Asked asked;
-    CLI::App app("Prints the access rules of a project, or what a user may write at a place.",
-                 kAccessCommands);
-    app.add_option("DIR", asked.folder, "The folder of the project")
+/// Returns an error if the rule names a user or layers that do not exist.
+Result<void> check(const Changed& changed) {
+    const std::string unless = ". With --unchecked it is added nevertheless";
+    const AccountsFile file(accountsFolderOf(changed.folder));
+    const auto accounts = file.read();
+    if (!accounts) return tl::unexpected(accounts.error());
+    for (const std::string& user : changed.users)
+        if (*accounts && !(*accounts)->users().contains(UserName{user}))
+            return fail(ErrorCode::InvalidArgument,
+                        unknownUser(user, file).value().message + unless);
+    for (const std::string& glob : changed.layers)
+        if (!matchesFile(glob, changed.folder))
+            return fail(ErrorCode::InvalidArgument, "no layer in " + changed.folder.string() +
+                                                        " matches " + inQuotes(glob) + unless);
+    return {};
+}
+
+/// Waits until the running server has taken the rules, and prints whether it has.
+void confirmTaken(const std::filesystem::path& folder, const AccessRulesFile& file) {
+    if (!RunningServer::find(folder)) return;
+    const auto end = std::chrono::steady_clock::now() + kTakenTime;
+    while (file.taken() != file.stamp()) {
+        if (std::chrono::steady_clock::now() > end) {
+            std::cout << "The running server has not confirmed the change yet; look at its log.\n";
+            return;
+        }
+        std::this_thread::sleep_for(kTakenLook);
+    }
+    std::cout << "The running server has taken the change.\n";
+}
+
+/// Records and prints a change of the rules.
+Result<void> changed(const Changed& words, std::string_view event, const std::string& sentence) {
+    auto recorded =
+        recordCommand(accountsFolderOf(words.folder), event, sentence, projectNameOf(words.folder));
+    std::cout << sentence << "\n";
+    confirmTaken(words.folder, AccessRulesFile(words.folder));
+    return recorded;
+}
+
+Result<void> addRule(const Changed& words, bool allows) {
+    if (!words.isUnchecked)
+        if (auto checked = check(words); !checked) return checked;
+    AccessRule rule;
+    rule.allows = allows;
+    rule.users.insert(words.users.begin(), words.users.end());
+    for (const std::string& role : words.roles) rule.roles.insert(*roleNamed(role));
+    rule.layers = words.layers;
+    rule.paths = words.paths;
+    for (const std::string& kind : words.kinds) rule.kinds.insert(*opinionKindNamed(kind));
+    const auto rules = AccessRulesFile(words.folder).add(rule);
+    if (!rules) return tl::unexpected(rules.error());
+    return changed(words, "access rule added", rules->describe(rules->rules().size()));
+}
+
+Result<void> removeRule(const Changed& words) {
+    const AccessRulesFile file(words.folder);
+    const auto before = file.read();
+    if (!before) return tl::unexpected(before.error());
+    const auto after = file.remove(words.number);
+    if (!after) return tl::unexpected(after.error());
+    std::string sentence = "rule " + std::to_string(words.number);
+    if (*before && words.number <= (*before)->rules().size())
+        sentence = (*before)->describe(words.number);
+    return changed(words, "access rule removed", sentence);
+}
+
+template <std::size_t N>
+CLI::Validator oneOf(const std::array<std::string_view, N>& names) {
+    return CLI::IsMember(std::vector<std::string>(names.begin(), names.end())).description("");
+}
+
+void addFolder(CLI::App& app, std::filesystem::path& folder) {
+    app.add_option("DIR", folder, "The folder of the project")
         ->required()
         ->check(CLI::ExistingDirectory.description(""))
         ->type_name("");
+}
+
+constexpr const char* kRuleFooter = R"(
+An option that is left out means all. Each option can be given several times. The most specific rule decides;
+among equals, one that denies.
+
+Examples:
+  usdlive deny  DIR --user ann
+  usdlive grant DIR --user ann --path '/World/Characters/**' --kind animation
+  usdlive access DIR            lists the rules with their numbers
+  usdlive revoke DIR 2          removes rule 2)";
+
+int runRuleCommand(const char* name, bool allows, int argc, const char* const* argv) {
+    Changed words;
+    CLI::App app(allows ? "Adds a rule that allows opinions in a project."
+                        : "Adds a rule that denies opinions in a project.",
+                 name);
+    app.footer(kRuleFooter);
+    addFolder(app, words.folder);
+    app.add_option("--user", words.users, "The user who edits")->type_name("NAME");
+    app.add_option("--role", words.roles, "The role of the user")
+        ->check(oneOf(kRoleNames))
+        ->type_name("ROLE");
+    app.add_option("--layer", words.layers, "Layers, for example 'shot/*.usda'")->type_name("GLOB");
+    app.add_option("--path", words.paths, "Prims, for example '/World/Props/**'")
+        ->type_name("GLOB");
+    app.add_option("--kind", words.kinds, "A kind of opinion, see usdlive access --help")
+        ->check(oneOf(kOpinionKindNames))
+        ->type_name("KIND");
+    app.add_flag("--unchecked", words.isUnchecked, "Also if there is no such user or layer yet");
+    for (CLI::Option* option : app.get_options())
+        if (option->get_expected_max() > 1) option->expected(1)->take_all();
+    return runAdminCommand(app, argc, argv, [&] { return addRule(words, allows); });
+}
+
+int runRevoke(int argc, const char* const* argv) {
+    Changed words;
+    CLI::App app("Removes an access rule of a project.", "usdlive revoke");
+    addFolder(app, words.folder);
+    app.add_option("NUMBER", words.number, "Its number, as `usdlive access DIR` lists it")
+        ->required()
+        ->type_name("");
+    return runAdminCommand(app, argc, argv, [&] { return removeRule(words); });
+}
+
+int runAccess(int argc, const char* const* argv) {
+    Asked asked;
+    CLI::App app("Prints the access rules of a project, or what a user may write at a place.",
+                 "usdlive access");
+    addFolder(app, asked.folder);
     auto* user = app.add_option("USER", asked.user)->type_name("");
     auto* layer = app.add_option("LAYER", asked.layer, "For example shot.usda")->type_name("");
     auto* path = app.add_option("PATH", asked.path, "For example /World/Props")->type_name("");
-    app.add_option("KIND", asked.kind, "A kind of opinion; default: all of them")
-        ->check(CLI::IsMember(
-                    std::vector<std::string>(kOpinionKindNames.begin(), kOpinionKindNames.end()))
-                    .description(""))
-        ->type_name("");
+    std::string kinds = "A kind of opinion; default: all of them:";
+    for (const std::string_view kind : kOpinionKindNames) kinds += " " + std::string(kind);
+    app.add_option("KIND", asked.kind, kinds)->check(oneOf(kOpinionKindNames))->type_name("");
     user->needs(path);
     layer->needs(user);
     path->needs(layer);
-    try {
-        app.parse(argc, argv);
-    } catch (const CLI::Success& help) {
-        return accessCommandEnded(app.exit(help));
-    } catch (const CLI::Error& error) {
-        std::cerr << kAccessCommands << ": " << error.what() << "\n";
-        return kNotUnderstood;
-    }
-    const auto done = answer(asked);
-    if (!done) std::cerr << kAccessCommands << ": " << done.error().message << "\n";
-    return accessCommandEnded(done ? 0 : kNotReadable);
+    return runAdminCommand(app, argc, argv, [&] { return answer(asked); });
+}
+
+}  // namespace
+
+std::optional<int> runAccessCommand(int argc, const char* const* argv) {
+    const std::string_view name = argc > 0 ? argv[0] : "";
+    if (name == "usdlive access") return runAccess(argc, argv);
+    if (name == "usdlive grant") return runRuleCommand("usdlive grant", true, argc, argv);
+    if (name == "usdlive deny") return runRuleCommand("usdlive deny", false, argc, argv);
+    if (name == "usdlive revoke") return runRevoke(argc, argv);
+    return std::nullopt;
 }
 
 }  // namespace usdlive::server

@@ -30,15 +30,22 @@ HttpReply signInFirst(const std::string& why) {
 }  // namespace
 
 AccessControl::AccessControl(asio::io_context& io, const std::filesystem::path& folder,
-                             Workers& workers, Log& log)
+                             Workers& workers, AuditLog& audit, Log& log)
     : io_(io),
       log_(log),
+      audit_(audit),
       workers_(workers.files.share()),
       signIn_(folder),
       timer_(io),
       followedFile_(followedAccountsFile(folder)) {}
 
 AccessControl::~AccessControl() { stop(); }
+
+Result<void> AccessControl::start() {
+    auto started = signIn_.start();
+    if (started && isRequired()) audit_.begin();
+    return started;
+}
 
 void AccessControl::serve(std::uint16_t port, const std::string& url, const std::string& pin,
                           Spread spread) {
@@ -93,7 +100,18 @@ void AccessControl::take(Accounts accounts) {
     });
 }
 
+void AccessControl::entered(const HttpTarget& target, const SignedIn& user,
+                            const std::string& project) {
+    audit_.record({.event = "signed in",
+                   .user = user.user.value,
+                   .from = std::string(target.peer),
+                   .project = project,
+                   .detail = user.user.value.empty() ? "as the owner of the server"
+                                                     : "with the token " + user.token});
+}
+
 HttpPage AccessControl::refused(std::string_view peer, std::string_view why, HttpReply reply) {
+    audit_.record({.event = why, .from = std::string(peer)});
     const milliseconds delay = signIn_.refused(std::string(peer), steady_clock::now());
     if (delay < SignIn::kMostDelay)
         log_.write(LogLevel::Warning, why, {{"from", peer}, {"answeredAfterMs", delay.count()}});
@@ -147,8 +165,10 @@ HttpPage AccessControl::join(const HttpTarget& target) {
                 if (weak.expired() || !spread_) return;
                 if (joined) {
                     take(std::move(*changed));  // so that the token is known when it arrives
-                    log_.write(LogLevel::Info, "user joined the server",
+                    log_.write(LogLevel::Info, "invitation used",
                                {{"user", joined->user.value}, {"from", peer}});
+                    audit_.record(
+                        {.event = "invitation used", .user = joined->user.value, .from = peer});
                     return answer(
                         {"application/json",
                          nlohmann::json{{"user", joined->user.value}, {"token", joined->token}}

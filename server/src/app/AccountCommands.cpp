@@ -14,8 +14,10 @@
 #include <optional>
 #include <thread>
 
+#include "usdlive/common/core/OwnedFile.h"
 #include "usdlive/common/net/Invitation.h"
 #include "usdlive/common/net/KnownServers.h"
+#include "usdlive/server/app/AdminCommands.h"
 #include "usdlive/server/app/RunningServer.h"
 #include "usdlive/server/app/TlsOptions.h"
 #include "usdlive/server/auth/Accounts.h"
@@ -28,7 +30,6 @@ namespace {
 
 using Json = nlohmann::json;
 
-constexpr int kFailed = 1, kWrongWords = 2;
 constexpr std::chrono::milliseconds kConfirmTime{3'000}, kLook{20};
 constexpr const char* kUserFooter = R"(
 DIR is the folder that is served, or the one that `usdlive serve --projects` names. Users have to sign in
@@ -141,15 +142,18 @@ Result<Invitation> inviteTo(const Words& words) {
     return invitation;
 }
 
-Result<void> change(const Words& words, const std::function<Result<void>(Accounts&)>& edit) {
+/// Changes the accounts. `event` and `detail` are for the audit log.
+Result<void> change(const Words& words, const std::function<Result<void>(Accounts&)>& edit,
+                    std::string_view event, const std::string& detail) {
     const auto accounts = AccountsFile(words.folder).change(edit);
     if (!accounts) return tl::unexpected(accounts.error());
+    auto recorded = recordCommand(words.folder, event, detail);
     confirm(words.folder, accounts->version());
-    return {};
+    return recorded;
 }
 
-Result<void> printInvitation(const Words& words,
-                             const std::function<Result<void>(Accounts&)>& edit) {
+Result<void> printInvitation(const Words& words, const std::function<Result<void>(Accounts&)>& edit,
+                             std::string_view event, const std::string& detail) {
     auto invitation = inviteTo(words);
     if (!invitation) return tl::unexpected(invitation.error());
     const auto changed = AccountsFile(words.folder).change([&](Accounts& accounts) -> Result<void> {
@@ -159,37 +163,49 @@ Result<void> printInvitation(const Words& words,
         });
     });
     if (!changed) return tl::unexpected(changed.error());
+    auto recorded = recordCommand(words.folder, event, detail);
     std::cout << "Send this to " << words.user
               << ". It can be used once, within a day:\n\n  usdlive join " << invitation->text()
               << "\n\n";
     confirm(words.folder, changed->version());
-    return {};
+    return recorded;
 }
 
 Result<void> add(const Words& words) {
-    return printInvitation(words, [&](Accounts& accounts) {
-        return accounts.add({words.user}, *roleNamed(words.role));
-    });
+    return printInvitation(
+        words,
+        [&](Accounts& accounts) { return accounts.add({words.user}, *roleNamed(words.role)); },
+        "user added", words.user + " as " + words.role);
 }
 
 Result<void> invite(const Words& words) {
-    return printInvitation(words, [](Accounts&) { return Result<void>(); });
+    return printInvitation(
+        words, [](Accounts&) { return Result<void>(); }, "user invited", words.user);
 }
 
 Result<void> setRole(const Words& words) {
-    return change(words, [&](Accounts& accounts) {
-        return accounts.setRole({words.user}, *roleNamed(words.role), words.project);
-    });
+    return change(
+        words,
+        [&](Accounts& accounts) {
+            return accounts.setRole({words.user}, *roleNamed(words.role), words.project);
+        },
+        "role set",
+        words.user + " is " + words.role + (words.project.empty() ? "" : " in " + words.project));
 }
 
 Result<void> remove(const Words& words) {
-    return change(words, [&](Accounts& accounts) { return accounts.remove({words.user}); });
+    return change(
+        words, [&](Accounts& accounts) { return accounts.remove({words.user}); }, "user removed",
+        words.user);
 }
 
 Result<void> revoke(const Words& words) {
-    return change(words, [&](Accounts& accounts) {
-        return accounts.revoke(words.token).map([](const UserName&) {});
-    });
+    return change(
+        words,
+        [&](Accounts& accounts) {
+            return accounts.revoke(words.token).map([](const UserName&) {});
+        },
+        "token revoked", words.token);
 }
 
 std::string dateOf(std::int64_t seconds) {
@@ -235,13 +251,6 @@ Result<void> list(const Words& words) {
     if (!*accounts) std::cout << "There are no users: whoever reaches the server may edit.\n";
     for (const auto& [name, account] : present.users()) print(name, account, std::time(nullptr));
     return {};
-}
-
-/// Returns the exit code, or that of an error if the output could not be written.
-int userCommandEnded(int code) {
-    if (std::cout.flush()) return code;
-    std::cerr << kAccountCommands << ": standard output cannot be written\n";
-    return kFailed;
 }
 
 class Commands {
@@ -310,16 +319,11 @@ fs::path followedAccountsFile(const fs::path& folder) {
 }
 
 void write(const FollowedAccounts& followed, const fs::path& file) {
-    const fs::path draft = file.string() + ".new";
-    std::ofstream stream(draft);
-    stream << Json{{"process", followed.process},
-                   {"version", followed.version},
-                   {"url", followed.url},
-                   {"pin", followed.pin}}
-           << "\n";
-    stream.close();
-    std::error_code ignored;
-    if (stream) fs::rename(draft, file, ignored);
+    const Json json{{"process", followed.process},
+                    {"version", followed.version},
+                    {"url", followed.url},
+                    {"pin", followed.pin}};
+    (void)replaceFile(file, json.dump() + "\n", kOwnerOnly);
 }
 
 int runAccountCommand(int argc, const char* const* argv) {
@@ -330,17 +334,7 @@ int runAccountCommand(int argc, const char* const* argv) {
     Words words;
     std::function<Result<void>()> chosen;
     Commands(app, words, chosen).addAll();
-    try {
-        app.parse(argc, argv);
-    } catch (const CLI::Success& asked) {
-        return userCommandEnded(app.exit(asked));
-    } catch (const CLI::Error& error) {
-        std::cerr << kAccountCommands << ": " << error.what() << "\n";
-        return kWrongWords;
-    }
-    const auto done = chosen();
-    if (!done) std::cerr << kAccountCommands << ": " << done.error().message << "\n";
-    return userCommandEnded(done ? 0 : kFailed);
+    return runAdminCommand(app, argc, argv, [&chosen] { return chosen(); });
 }
 
 }  // namespace usdlive::server

@@ -14,6 +14,11 @@ using std::chrono::steady_clock;
 }  // namespace
 
 void ActivityLog::record(const ActivityEvent& event) {
+    audit_.record({.event = event.what,
+                   .user = event.user.value,
+                   .project = project_,
+                   .layer = event.layer.value,
+                   .detail = event.detail});
     const auto now =
         std::chrono::duration_cast<milliseconds>(steady_clock::now().time_since_epoch());
     std::string key(event.what);
@@ -24,7 +29,9 @@ void ActivityLog::record(const ActivityEvent& event) {
     if (*leftOut > 0)
         log_.write(LogLevel::Warning, "lines left out",
                    {{"of", event.what}, {"user", user}, {"count", *leftOut}});
-    if (layer.empty() && event.detail.empty())
+    if (user.empty())
+        log_.write(LogLevel::Info, event.what, {{"detail", event.detail}});
+    else if (layer.empty() && event.detail.empty())
         log_.write(LogLevel::Info, event.what, {{"user", user}});
     else if (layer.empty())
         log_.write(LogLevel::Info, event.what, {{"user", user}, {"detail", event.detail}});

@@ -84,12 +84,12 @@ HttpRoute HttpRoutes::route(const HttpTarget& target) {
         return found == visible.end() ? nullptr : *found;
     };
     if (path == kSessions) {
-        if (visible.size() == 1) return sessionsOf(*visible.front(), user);
+        if (visible.size() == 1) return sessionsOf(*visible.front(), user, target);
         return notHere("the address names no project", visible);
     }
     if (path.ends_with(kSessions)) {
         const std::string_view name = path.substr(1, path.size() - kSessions.size() - 1);
-        if (ServedProject* project = named(name)) return sessionsOf(*project, user);
+        if (ServedProject* project = named(name)) return sessionsOf(*project, user, target);
         return notHere("there is no project \"" + percentDecoded(name).value_or("") + "\" here",
                        visible);
     }
@@ -116,10 +116,13 @@ HttpRoute HttpRoutes::filesOf(ServedProject& project, const HttpTarget& target) 
     });
 }
 
-HttpRoute HttpRoutes::sessionsOf(ServedProject& project, const User& user) const {
+HttpRoute HttpRoutes::sessionsOf(ServedProject& project, const User& user,
+                                 const HttpTarget& target) const {
     WebSocketTransport* sessions = project.sessions();
     if (!sessions) return unavailable(project);
-    return HttpSessions{sessions, user ? User(access_.in(project.name(), *user)) : std::nullopt};
+    if (!user) return HttpSessions{sessions, std::nullopt};
+    access_.entered(target, *user, project.name());
+    return HttpSessions{sessions, access_.in(project.name(), *user)};
 }
 
 HttpReply HttpRoutes::unavailable(const ServedProject& project) {

@@ -35,7 +35,7 @@ constexpr milliseconds kHistoryPause{60 * 60 * 1'000};
 ProjectRuntime::ProjectRuntime(asio::io_context& network, WorkerShares& workers, SharedStore& store,
                                StorageThread& storage, BlobStore& blobs, ProjectFiles files,
                                milliseconds keepUnusedBlobs, Metrics& metrics, ports::Clock& clock,
-                               Log& log)
+                               ActivityLog activity, Log& log)
     : network_(network),
       workers_(workers),
       store_(store),
@@ -58,7 +58,7 @@ ProjectRuntime::ProjectRuntime(asio::io_context& network, WorkerShares& workers,
       history_(strand_, intake_, workers, store, storage, folder_ / ".usdlive" / "blobs", log),
       blobs_(strand_, workers, transports_, blobs, files.texts),
       files_(strand_, workers, files.layers, files.assets, blobs, store, log),
-      activity_(log),
+      activity_(std::move(activity)),
       rulesFile_(folder_),
       retryTimer_(network),
       scanTimer_(network),
@@ -75,6 +75,7 @@ Result<void> ProjectRuntime::start(ProjectSetup setup) {
     if (!beginning) return tl::unexpected(beginning.error());
     hasSpace_ = beginning->store.hasSpace;
     rulesStamp_ = rulesFile_.stamp();
+    if (rulesStamp_) rulesFile_.writeTaken(*rulesStamp_);
     auto rules = rulesFile_.read();
     if (!rules) return tl::unexpected(rules.error());
     if (*rules) rules_ = std::make_shared<const AccessRules>(std::move(**rules));
@@ -189,8 +190,11 @@ void ProjectRuntime::lookForRulesIn(milliseconds pause) {
                 if (!read)
                     log_.write(LogLevel::Error, "access rules stay as they were",
                                {{"error", read.error().message}});
-                else if (*read)
+                else if (*read) {
                     takeRules(std::move(**read));
+                    workers_.files->post(
+                        [file = rulesFile_, taken = *stamp] { file.writeTaken(taken); });
+                }
                 lookForRulesIn(kRulesPause);
             });
         });
@@ -199,7 +203,10 @@ void ProjectRuntime::lookForRulesIn(milliseconds pause) {
 
 void ProjectRuntime::takeRules(AccessRules rules) {
     rules_ = std::make_shared<const AccessRules>(std::move(rules));
-    log_.write(LogLevel::Info, "access rules changed", {{"rules", rules_->rules().size()}});
+    activity_.record({"access rules changed",
+                      UserName(),
+                      {},
+                      "rules: " + std::to_string(rules_->rules().size())});
     strand_.use([this](Project& project) { project.setRules(rules_); });
 }
 

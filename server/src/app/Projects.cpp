@@ -49,10 +49,11 @@ std::optional<std::map<std::string, fs::path>> foldersIn(const fs::path& parent)
 }  // namespace
 
 Projects::Projects(asio::io_context& io, const ServerOptions& options, Workers& workers,
-                   MakeLog makeLog, Log& log)
+                   AuditLog& audit, MakeLog makeLog, Log& log)
     : io_(io),
       options_(options),
       workers_(workers),
+      audit_(audit),
       makeLog_(std::move(makeLog)),
       log_(log),
       folderTimer_(io),
@@ -108,7 +109,7 @@ Result<void> Projects::open(std::function<void()> opened) {
 
 void Projects::add(const std::string& name, const fs::path& folder) {
     projects_[name].project = std::make_unique<ServedProject>(
-        name, folder, options_, workers_, makeLog_(areSeveral() ? name : ""),
+        name, folder, options_, workers_, audit_, makeLog_(areSeveral() ? name : ""),
         [this, name] { asio::post(io_, [this, name] { changed(name); }); });
 }
 

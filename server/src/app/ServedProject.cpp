@@ -241,6 +241,7 @@ private:
           texts_(project.texts_),
           options_(project.options_),
           log_(*project.log_),
+          audit_(project.audit_),
           storeOptions_(storeOptions(options_)),
           store_([this] { return openStore(folder_ / ".usdlive", storeOptions_, wasOpened_); }),
           workers_(project.workers_),
@@ -275,7 +276,8 @@ private:
         runtime_ = std::make_unique<ProjectRuntime>(
             network_, workers_, store_, storage_, *blobs_,
             ProjectFiles{std::filesystem::canonical(folder_), list, *files_, *assetFiles_, texts_},
-            std::chrono::minutes(options_.keepUnusedBlobsMinutes), metrics_, clock_, log_);
+            std::chrono::minutes(options_.keepUnusedBlobsMinutes), metrics_, clock_,
+            ActivityLog(name_, log_, audit_), log_);
         if (auto made = runtime_->start(setup()); !made) return made;
         webSockets_ = createWebSocketTransport(network_, webSocketOptions(options_), *runtime_,
                                                background_, log_);
@@ -303,6 +305,7 @@ private:
     const PublicText& texts_;
     const ServerOptions& options_;
     Log& log_;
+    AuditLog& audit_;
 
     const RocksCommitStoreOptions storeOptions_;
     bool wasOpened_ = false;
@@ -330,13 +333,14 @@ private:
 };
 
 ServedProject::ServedProject(std::string name, std::filesystem::path folder,
-                             const ServerOptions& options, Workers& workers,
+                             const ServerOptions& options, Workers& workers, AuditLog& audit,
                              std::unique_ptr<Log> log, std::function<void()> changed)
     : name_(std::move(name)),
       folder_(std::move(folder)),
       texts_(textsFor(folder_)),
       options_(options),
       workers_(workers),
+      audit_(audit),
       log_(std::move(log)),
       changed_(std::move(changed)) {}
 

@@ -18,6 +18,8 @@
 #include "usdlive/common/net/KnownServers.h"
 #include "usdlive/server/app/AccessCommands.h"
 #include "usdlive/server/app/AccessControl.h"
+#include "usdlive/server/app/AuditCommand.h"
+#include "usdlive/server/app/AuditLog.h"
 #include "usdlive/server/app/HttpRoutes.h"
 #include "usdlive/server/app/Options.h"
 #include "usdlive/server/app/Projects.h"
@@ -151,13 +153,14 @@ public:
         : options_(options),
           log_(createSpdLog(options.logLevel, options.logFormat)),
           workers_(*log_),
+          audit_(accountsFolder(options), workers_, *log_),
           projects_(
-              io_, options, workers_,
+              io_, options, workers_, audit_,
               [&](const std::string& project) {
                   return createSpdLog(options.logLevel, options.logFormat, project);
               },
               *log_),
-          access_(io_, accountsFolder(options), workers_, *log_),
+          access_(io_, accountsFolder(options), workers_, audit_, *log_),
           routes_(io_, projects_, access_),
           signals_(io_, SIGINT, SIGTERM),
           hangups_(io_) {}
@@ -309,6 +312,7 @@ private:
     const ServerOptions& options_;
     const std::unique_ptr<Log> log_;
     Workers workers_;
+    AuditLog audit_;
     asio::io_context io_{1};
     // Keeps io_ running, because stopping projects call back from their threads.
     const asio::executor_work_guard<asio::io_context::executor_type> work_{io_.get_executor()};
@@ -332,8 +336,8 @@ int main(int argc, char** argv) {
     raiseLimitOfDescriptors();
     if (argc > 0 && std::string_view(argv[0]) == kAccountCommands)
         return runAccountCommand(argc, argv);
-    if (argc > 0 && std::string_view(argv[0]) == kAccessCommands)
-        return runAccessCommand(argc, argv);
+    if (argc > 0 && std::string_view(argv[0]) == kAuditCommand) return runAuditCommand(argc, argv);
+    if (const auto code = runAccessCommand(argc, argv)) return *code;
     const auto options = parseOptions(argc, argv);
     if (const int* code = std::get_if<int>(&options)) return *code;
     try {

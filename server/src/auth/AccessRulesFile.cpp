@@ -2,13 +2,44 @@
 #include "usdlive/server/auth/AccessRulesFile.h"
 
 #include <fstream>
+#include <functional>
 #include <iterator>
+#include <nlohmann/json.hpp>
 
 #include "FileStamp.h"
+#include "usdlive/common/core/OwnedFile.h"
 
 namespace usdlive::server {
 
-Result<std::optional<AccessRules>> AccessRulesFile::read() const {
+namespace {
+
+using OrderedJson = nlohmann::ordered_json;
+
+constexpr mode_t kReadable = 0644;
+
+/// Changes the list of rules while no other process does. The rest of the file stays as it is.
+Result<AccessRules> changeRules(const AccessRulesFile& file,
+                                const std::function<Result<void>(OrderedJson&)>& change) {
+    std::error_code ignored;
+    std::filesystem::create_directories(file.path().parent_path(), ignored);
+    const auto lock = lockFile(file.path().string() + ".lock");
+    if (!lock) return tl::unexpected(lock.error());
+    const auto present = file.text();
+    if (!present) return tl::unexpected(present.error());
+    OrderedJson json = *present ? OrderedJson::parse(**present)
+                                : OrderedJson{{"format", 1}, {"rules", OrderedJson::array()}};
+    if (auto done = change(json["rules"]); !done) return tl::unexpected(done.error());
+    const std::string text = json.dump(2) + "\n";
+    auto rules = AccessRules::parse(text);
+    if (!rules) return fail(ErrorCode::InvalidArgument, rules.error().message);
+    if (auto written = replaceFile(file.path(), text, kReadable); !written)
+        return tl::unexpected(written.error());
+    return rules;
+}
+
+}  // namespace
+
+Result<std::optional<std::string>> AccessRulesFile::text() const {
     std::error_code error;
     const auto status = std::filesystem::status(path_, error);
     if (status.type() == std::filesystem::file_type::not_found) return std::nullopt;
@@ -18,11 +49,46 @@ Result<std::optional<AccessRules>> AccessRulesFile::read() const {
     if (status.type() != std::filesystem::file_type::regular)
         return unusable(error ? error.message() : "it is not a regular file");
     std::ifstream file(path_, std::ios::binary);
-    const std::string text{std::istreambuf_iterator<char>(file), {}};
+    std::string text{std::istreambuf_iterator<char>(file), {}};
     if (!file) return unusable("it cannot be read");
-    auto rules = AccessRules::parse(text);
-    if (!rules) return unusable(rules.error().message);
-    return std::move(*rules);
+    if (auto rules = AccessRules::parse(text); !rules) return unusable(rules.error().message);
+    return text;
+}
+
+Result<std::optional<AccessRules>> AccessRulesFile::read() const {
+    auto found = text();
+    if (!found) return tl::unexpected(found.error());
+    if (!*found) return std::nullopt;
+    return *AccessRules::parse(**found);
+}
+
+Result<AccessRules> AccessRulesFile::add(const AccessRule& rule) const {
+    return changeRules(*this, [&](OrderedJson& rules) -> Result<void> {
+        rules.push_back(OrderedJson::parse(textOf(rule)));
+        return {};
+    });
+}
+
+Result<AccessRules> AccessRulesFile::remove(std::size_t number) const {
+    return changeRules(*this, [&](OrderedJson& rules) -> Result<void> {
+        if (number == 0 || number > rules.size())
+            return fail(ErrorCode::InvalidArgument, "there is no rule " + std::to_string(number) +
+                                                        " in " + path_.string() + ", which has " +
+                                                        std::to_string(rules.size()));
+        rules.erase(number - 1);
+        return {};
+    });
+}
+
+void AccessRulesFile::writeTaken(const std::string& stamp) const {
+    (void)replaceFile(takenPath(), stamp + "\n", kReadable);
+}
+
+std::optional<std::string> AccessRulesFile::taken() const {
+    std::ifstream file(takenPath());
+    std::string stamp;
+    if (!std::getline(file, stamp)) return std::nullopt;
+    return stamp;
 }
 
 std::optional<std::string> AccessRulesFile::stamp() const { return changeStampOf(path_); }

@@ -26,6 +26,9 @@ struct AccessRule {
     std::set<OpinionKind> kinds;
 };
 
+/// Returns the rule as the JSON object that parse() reads.
+[[nodiscard]] std::string textOf(const AccessRule& rule);
+
 /// AC6, AC7: decides which opinions a user may write. A value; immutable after parse(), any thread.
 class AccessRules {
 public:

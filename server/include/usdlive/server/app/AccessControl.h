@@ -10,6 +10,7 @@
 #include <string>
 
 #include "usdlive/server/app/AccountCommands.h"
+#include "usdlive/server/app/AuditLog.h"
 #include "usdlive/server/app/Workers.h"
 #include "usdlive/server/auth/SignIn.h"
 #include "usdlive/server/transport/HttpServer.h"
@@ -24,13 +25,15 @@ public:
     /// Passes the accounts to all projects, then calls `done`, on any thread.
     using Spread = std::function<void(std::shared_ptr<const Accounts>, std::function<void()> done)>;
 
-    /// `folder` contains `.usdlive/users.json`. `workers` and `log` must outlive this object.
+    /// `folder` contains `.usdlive/users.json`. `workers`, `audit` and `log` must outlive this
+    /// object.
     AccessControl(boost::asio::io_context& io, const std::filesystem::path& folder,
-                  Workers& workers, Log& log);
+                  Workers& workers, AuditLog& audit, Log& log);
     ~AccessControl();
 
-    /// Reads the accounts. Error: InvalidConfiguration.
-    [[nodiscard]] Result<void> start() { return signIn_.start(); }
+    /// Reads the accounts, and begins the audit log if users have to sign in. Error:
+    /// InvalidConfiguration.
+    [[nodiscard]] Result<void> start();
     /// Lets the owner in at this port, and begins to follow the file.
     /// `url` is where users reach the server, and `pin` the fingerprint of its own certificate, or
     /// empty.
@@ -42,6 +45,8 @@ public:
     [[nodiscard]] std::optional<SignedIn> find(const HttpTarget& target) const {
         return signIn_.find(target.authorization);
     }
+    /// Records that a user opens a session.
+    void entered(const HttpTarget& target, const SignedIn& user, const std::string& project);
     /// Returns the user with the role in a project.
     [[nodiscard]] SignedIn in(const std::string& project, SignedIn user) const {
         return SignIn::in(*signIn_.accounts(), std::move(user), project);
@@ -61,6 +66,7 @@ private:
 
     boost::asio::io_context& io_;
     Log& log_;
+    AuditLog& audit_;
     const std::shared_ptr<WorkerShare> workers_;
     SignIn signIn_;
     Spread spread_;

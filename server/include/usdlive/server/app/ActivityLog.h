@@ -1,21 +1,27 @@
-// Writes the actions of users to the server's log.
+// Writes the actions of users to the server's log and to the audit log.
 #pragma once
 
+#include <string>
+
+#include "usdlive/server/app/AuditLog.h"
 #include "usdlive/server/app/LogLimit.h"
 #include "usdlive/server/project/ports/Activity.h"
 #include "usdlive/server/transport/Log.h"
 
 namespace usdlive::server {
 
-/// Writes the actions of users to the server's log. Limits repeated lines, so that they do not fill
-/// the disk (LogLimit).
+/// Writes the actions of users in one project to the server's log and to the audit log. Both limit
+/// repeated lines, so that they do not fill the disk (LogLimit).
 class ActivityLog final : public ports::Activity {
 public:
-    explicit ActivityLog(Log& log) : log_(log) {}
+    ActivityLog(std::string project, Log& log, AuditLog& audit)
+        : project_(std::move(project)), log_(log), audit_(audit) {}
     void record(const ActivityEvent& event) override;
 
 private:
+    const std::string project_;
     Log& log_;
+    AuditLog& audit_;
     LogLimit limit_;
 };
 

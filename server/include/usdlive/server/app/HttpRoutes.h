@@ -40,7 +40,8 @@ private:
     using Visible = std::vector<ServedProject*>;
 
     [[nodiscard]] Visible visibleTo(const User& user) const;
-    [[nodiscard]] HttpRoute sessionsOf(ServedProject& project, const User& user) const;
+    [[nodiscard]] HttpRoute sessionsOf(ServedProject& project, const User& user,
+                                       const HttpTarget& target) const;
     [[nodiscard]] static HttpRoute filesOf(ServedProject& project, const HttpTarget& target);
     /// Says why a project that is not served cannot be used.
     [[nodiscard]] static HttpReply unavailable(const ServedProject& project);

@@ -64,7 +64,7 @@ public:
     ProjectRuntime(boost::asio::io_context& network, WorkerShares& workers, SharedStore& store,
                    StorageThread& storage, BlobStore& blobs, ProjectFiles files,
                    std::chrono::milliseconds keepUnusedBlobs, Metrics& metrics, ports::Clock& clock,
-                   Log& log);
+                   ActivityLog activity, Log& log);
 
     // Call on the network thread, unless a comment says otherwise.
     Result<void> start(ProjectSetup setup);

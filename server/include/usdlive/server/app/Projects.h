@@ -22,10 +22,10 @@ class Projects {
 public:
     using MakeLog = std::function<std::unique_ptr<Log>(const std::string& project)>;
 
-    /// `options`, `workers` and `log` must outlive this object. `makeLog` returns the log for one
-    /// project.
+    /// `options`, `workers`, `audit` and `log` must outlive this object. `makeLog` returns the log
+    /// for one project.
     Projects(boost::asio::io_context& io, const ServerOptions& options, Workers& workers,
-             MakeLog makeLog, Log& log);
+             AuditLog& audit, MakeLog makeLog, Log& log);
     ~Projects();
 
     /// Starts to open the projects of the options. Error: InvalidConfiguration names the wrong
@@ -63,6 +63,7 @@ private:
     boost::asio::io_context& io_;
     const ServerOptions& options_;
     Workers& workers_;
+    AuditLog& audit_;
     const MakeLog makeLog_;
     Log& log_;
     std::map<std::string, Entry> projects_;

@@ -12,6 +12,7 @@
 #include <thread>
 
 #include "usdlive/common/core/Thread.h"
+#include "usdlive/server/app/AuditLog.h"
 #include "usdlive/server/app/Metrics.h"
 #include "usdlive/server/app/Options.h"
 #include "usdlive/server/app/Workers.h"
@@ -52,9 +53,10 @@ public:
     static constexpr std::chrono::milliseconds kRetryPause{5'000};
 
     /// `changed` is called after each change of status(), usually on the project's thread.
-    /// `workers` and `options` must outlive this object.
+    /// `workers`, `audit` and `options` must outlive this object.
     ServedProject(std::string name, std::filesystem::path folder, const ServerOptions& options,
-                  Workers& workers, std::unique_ptr<Log> log, std::function<void()> changed);
+                  Workers& workers, AuditLog& audit, std::unique_ptr<Log> log,
+                  std::function<void()> changed);
     /// Blocks until stop() has finished.
     ~ServedProject();
     ServedProject(const ServedProject&) = delete;
@@ -106,6 +108,7 @@ private:
     const PublicText texts_;
     const ServerOptions& options_;
     Workers& workers_;
+    AuditLog& audit_;
     const std::unique_ptr<Log> log_;
     const std::function<void()> changed_;
 

@@ -18,11 +18,22 @@ public:
     [[nodiscard]] const std::filesystem::path& path() const { return path_; }
     /// Returns nothing if there is no file. Error: InvalidConfiguration names the file and the line
     /// or the rule.
+    [[nodiscard]] Result<std::optional<std::string>> text() const;
     [[nodiscard]] Result<std::optional<AccessRules>> read() const;
+    /// Adds a rule at the end, or removes the rule with this number, from 1, and returns the new
+    /// rules. Several processes may do so at the same time. Errors: those of read();
+    /// InvalidArgument if there is no such rule, or this one cannot be; StorageFailed.
+    [[nodiscard]] Result<AccessRules> add(const AccessRule& rule) const;
+    [[nodiscard]] Result<AccessRules> remove(std::size_t number) const;
     /// Returns a value that differs when the file was changed; nothing if it cannot be found.
     [[nodiscard]] std::optional<std::string> stamp() const;
 
+    /// A running server that has taken the rules keeps their stamp beside the file.
+    void writeTaken(const std::string& stamp) const;
+    [[nodiscard]] std::optional<std::string> taken() const;
+
 private:
+    [[nodiscard]] std::filesystem::path takenPath() const { return path_.string() + ".taken"; }
     std::filesystem::path path_;
 };
 

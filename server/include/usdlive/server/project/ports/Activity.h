@@ -10,8 +10,8 @@ namespace usdlive::server {
 
 /// An action of a user, or its refusal. Not valid after record() has returned.
 struct ActivityEvent {
-    std::string_view what;  ///< one of a few fixed texts, for example "layer saved"
-    const UserName& user;
+    std::string_view what;    ///< one of a few fixed texts, for example "layer saved"
+    const UserName& user;     ///< empty: nobody who is signed in, then there is a detail
     LayerId layer = {};       ///< may be empty; from a client, so any text
     std::string detail = {};  ///< may be empty; from a client, so any text
 };
