@@ -44,8 +44,8 @@ std::vector<std::string> textsIn(const Json& rule, const char* name, const std::
 AccessRule ruleIn(const Json& json, const std::string& where) {
     if (!json.is_object()) throw Wrong{where + " is not an object"};
     for (const auto& [name, value] : json.items())
-        if (name != "effect" && name != "users" && name != "roles" && name != "layers" &&
-            name != "paths" && name != "kinds")
+        if (name != "effect" && name != "users" && name != "roles" && name != "groups" &&
+            name != "layers" && name != "paths" && name != "kinds")
             throw Wrong{where + " has an unknown member " + inQuotes(name)};
     AccessRule rule;
     const auto effect = json.find("effect");
@@ -59,6 +59,7 @@ AccessRule ruleIn(const Json& json, const std::string& where) {
             throw Wrong{where + " names the role " + inQuotes(name) + ", which does not exist"};
         rule.roles.insert(*role);
     }
+    for (std::string& group : textsIn(json, "groups", where)) rule.groups.insert(std::move(group));
     rule.layers = textsIn(json, "layers", where);
     rule.paths = textsIn(json, "paths", where);
     for (const std::string& path : rule.paths)
@@ -142,10 +143,17 @@ std::size_t strengthOf(const std::vector<std::string>& globs, std::string_view n
     return best;
 }
 
-bool isFor(const AccessRule& rule, const UserName& user, Role role) {
-    if (!rule.users.empty() && rule.users.contains(user.value)) return true;
-    if (!rule.roles.empty() && rule.roles.contains(role)) return true;
-    return rule.users.empty() && rule.roles.empty();
+/// The ways in which a rule names somebody. Of two rules, the one with the greater value decides.
+enum class Named { Nobody, Everybody, Role, Group, User };
+
+Named namedBy(const AccessRule& rule, const UserName& user, Role role,
+              const std::set<std::string>& groups) {
+    if (rule.users.contains(user.value)) return Named::User;
+    if (std::ranges::any_of(rule.groups, [&](const auto& one) { return groups.contains(one); }))
+        return Named::Group;
+    if (rule.roles.contains(role)) return Named::Role;
+    const bool isForAll = rule.users.empty() && rule.groups.empty() && rule.roles.empty();
+    return isForAll ? Named::Everybody : Named::Nobody;
 }
 
 std::string joined(const std::vector<std::string>& texts) {
@@ -184,6 +192,7 @@ std::string textOf(const AccessRule& rule) {
     for (const Role role : rule.roles) roles.emplace_back(nameOf(role));
     for (const OpinionKind kind : rule.kinds) kinds.emplace_back(nameOf(kind));
     add("roles", std::move(roles));
+    add("groups", {rule.groups.begin(), rule.groups.end()});
     add("layers", rule.layers);
     add("paths", rule.paths);
     add("kinds", std::move(kinds));
@@ -222,16 +231,16 @@ AccessRules::Decision AccessRules::decide(const Question& question) const {
     if (question.role == Role::Admin || question.role == Role::None) return decision;
     const std::string prim = primOf(question.path);
     // In this order: who, where in the namespace, which layer, which kind; then a denial.
-    using Weight = std::tuple<int, std::size_t, std::size_t, bool, bool>;
+    using Weight = std::tuple<Named, std::size_t, std::size_t, bool, bool>;
     std::optional<Weight> heaviest;
     for (std::size_t index = 0; index < rules_.size(); ++index) {
         const AccessRule& rule = rules_[index];
-        if (!isFor(rule, question.user, question.role)) continue;
+        const Named who = namedBy(rule, question.user, question.role, question.groups);
+        if (who == Named::Nobody) continue;
         if (!rule.kinds.empty() && !rule.kinds.contains(question.kind)) continue;
         const std::size_t path = strengthOf(rule.paths, prim);
         const std::size_t layer = strengthOf(rule.layers, question.layer.value);
         if (path == 0 || layer == 0) continue;
-        const int who = rule.users.contains(question.user.value) ? 2 : rule.roles.empty() ? 0 : 1;
         const Weight weight{who, path, layer, !rule.kinds.empty(), !rule.allows};
         if (heaviest && *heaviest >= weight) continue;
         heaviest = weight;
@@ -240,9 +249,12 @@ AccessRules::Decision AccessRules::decide(const Question& question) const {
     return decision;
 }
 
-bool AccessRules::concern(const UserName& user, Role role) const {
+bool AccessRules::concern(const UserName& user, Role role,
+                          const std::set<std::string>& groups) const {
     if (role == Role::Admin || role == Role::None) return false;
-    return std::ranges::any_of(rules_, [&](const auto& rule) { return isFor(rule, user, role); });
+    return std::ranges::any_of(rules_, [&](const auto& rule) {
+        return namedBy(rule, user, role, groups) != Named::Nobody;
+    });
 }
 
 bool AccessRules::mayDenyBelow(const Question& question) const {
@@ -250,7 +262,9 @@ bool AccessRules::mayDenyBelow(const Question& question) const {
     const std::string prim = primOf(question.path);
     const std::string below = prim == "/" ? prim : prim + "/";
     return std::ranges::any_of(rules_, [&](const AccessRule& rule) {
-        if (rule.allows || !isFor(rule, question.user, question.role)) return false;
+        if (rule.allows ||
+            namedBy(rule, question.user, question.role, question.groups) == Named::Nobody)
+            return false;
         if (!rule.kinds.empty() && !rule.kinds.contains(question.kind)) return false;
         if (strengthOf(rule.layers, question.layer.value) == 0) return false;
         return std::ranges::any_of(rule.paths, [&](const std::string& glob) {
@@ -266,6 +280,8 @@ std::string AccessRules::describe(std::size_t number) const {
     for (const OpinionKind kind : rule.kinds)
         kinds += (kinds.empty() ? "" : ", ") + std::string(nameOf(kind));
     for (const std::string& user : rule.users) who += (who.empty() ? "" : ", ") + user;
+    for (const std::string& group : rule.groups)
+        who += (who.empty() ? "the group " : ", the group ") + group;
     for (const Role role : rule.roles) who += (who.empty() ? "" : ", ") + std::string(nameOf(role));
     return "rule " + std::to_string(number) + (rule.allows ? " allows " : " denies ") +
            (kinds.empty() ? "everything" : kinds) +

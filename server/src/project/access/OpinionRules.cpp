@@ -8,7 +8,7 @@
 namespace usdlive::server {
 
 bool AccessPolicy::areRulesFor(const Subject& subject) const {
-    return rules_->concern(subject.user, subject.role);
+    return rules_->concern(subject.user, subject.role, subject.groups());
 }
 
 std::optional<Error> AccessPolicy::toOpinionAt(const AccessRules::Question& question) const {
@@ -53,8 +53,9 @@ std::optional<Error> AccessPolicy::toOpinion(const Subject& subject, const Edit&
     const std::string& path = edit.address.path;
     const bool exists = doc && doc->has(path);
     const auto kind = opinionKindOf(path, edit.action, exists);
-    AccessRules::Question question{subject.user, subject.role, edit.layer, path,
-                                   kind.value_or(OpinionKind::Namespace)};
+    AccessRules::Question question{
+        subject.user,    subject.role, edit.layer, path, kind.value_or(OpinionKind::Namespace),
+        subject.groups()};
     if (!kind) {  // it states nothing: whoever may write anything there may do it
         for (std::size_t other = 0; other < kOpinionKindNames.size(); ++other) {
             question.kind = OpinionKind(other);

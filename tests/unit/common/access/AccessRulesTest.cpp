@@ -96,6 +96,34 @@ TEST(AccessRules, AC6ARuleAddsToARole) {
     EXPECT_FALSE(added.concern({"ann"}, Role::Editor));
 }
 
+TEST(AccessRules, AC6GroupsAreBetweenUsersAndRoles) {
+    const std::set<std::string> lighting{"lighting", "all"};
+    const LayerId layer{"a.usda"};
+    const auto mayAs = [&](const AccessRules& by, const char* name, Role role,
+                           const std::set<std::string>& groups) {
+        const UserName user{name};
+        return by.decide({user, role, layer, "/World", Shading, groups}).isAllowed;
+    };
+    const AccessRules added = rules(R"({"effect": "allow", "groups": ["lighting"]})");
+    EXPECT_TRUE(mayAs(added, "ann", Role::Viewer, lighting));
+    EXPECT_FALSE(mayAs(added, "ann", Role::Viewer, {"lighting2"}));
+    EXPECT_FALSE(mayAs(added, "lighting", Role::Viewer, kNoGroups));
+    EXPECT_FALSE(mayAs(added, "ann", Role::None, lighting));
+    EXPECT_TRUE(added.concern({"ann"}, Role::Viewer, lighting));
+    EXPECT_FALSE(added.concern({"ann"}, Role::Viewer));
+    EXPECT_EQ(added.describe(1), "rule 1 allows everything to the group lighting");
+    const AccessRules both = rules(R"(
+        {"effect": "allow", "roles": ["editor"]}, {"effect": "deny", "groups": ["lighting"]},
+        {"effect": "allow", "users": ["ann"]})");
+    EXPECT_TRUE(mayAs(both, "ann", Role::Editor, lighting));
+    EXPECT_FALSE(mayAs(both, "bob", Role::Editor, lighting));
+    EXPECT_TRUE(mayAs(both, "bob", Role::Editor, kNoGroups));
+    const AccessRules deep = rules(R"({"effect": "deny", "groups": ["all"], "paths": ["/A/B"]})");
+    const UserName bob{"bob"};
+    EXPECT_TRUE(deep.mayDenyBelow({bob, Role::Editor, layer, "/A", Namespace, lighting}));
+    EXPECT_FALSE(deep.mayDenyBelow({bob, Role::Editor, layer, "/A", Namespace}));
+}
+
 TEST(AccessRules, MayDenyBelowAPrim) {
     const AccessRules deep = rules(R"(
         {"effect": "deny", "paths": ["/World/Props/**", "/Sets/*/Rig"], "kinds": ["namespace"]})");

@@ -20,6 +20,7 @@ struct AccessRule {
     bool allows = false;
     std::set<std::string> users;
     std::set<Role> roles;
+    std::set<std::string> groups;     ///< those of the issuer (AC22)
     std::vector<std::string> layers;  ///< globs: `*` within a name, `**` over several
     std::vector<std::string>
         paths;  ///< the same, of prims: `/World/Props/**` has /World/Props, too
@@ -28,6 +29,8 @@ struct AccessRule {
 
 /// Returns the rule as the JSON object that parse() reads.
 [[nodiscard]] std::string textOf(const AccessRule& rule);
+
+inline const std::set<std::string> kNoGroups;
 
 /// AC6, AC7: decides which opinions a user may write. A value; immutable after parse(), any thread.
 class AccessRules {
@@ -44,6 +47,7 @@ public:
         const LayerId& layer;
         std::string_view path;  ///< names a spec; variants and properties count as their prim
         OpinionKind kind;
+        const std::set<std::string>& groups = kNoGroups;  ///< to which the user belongs
     };
     struct Decision {
         bool isAllowed = false;
@@ -51,8 +55,9 @@ public:
     };
     [[nodiscard]] Decision decide(const Question& question) const;
 
-    /// Returns whether a rule names the user or the role. If not, the role alone decides.
-    [[nodiscard]] bool concern(const UserName& user, Role role) const;
+    /// Returns whether a rule names the user, a group or the role. If not, the role alone decides.
+    [[nodiscard]] bool concern(const UserName& user, Role role,
+                               const std::set<std::string>& groups = kNoGroups) const;
     /// Returns whether a rule may deny the user something below the prim, which decide() does not
     /// deny at the prim itself.
     [[nodiscard]] bool mayDenyBelow(const Question& question) const;

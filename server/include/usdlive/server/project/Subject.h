@@ -1,7 +1,9 @@
 // The user who acts in a project.
 #pragma once
 
+#include <cstdint>
 #include <optional>
+#include <set>
 #include <string>
 
 #include "usdlive/common/core/Id.h"
@@ -14,7 +16,10 @@ struct SignedIn {
     /// Empty for the owner of the server's process, who may act in the name of any user.
     UserName user;
     Role role = Role::None;
-    std::string token;  ///< the id of the token that proved it, not the token
+    std::string token;                  ///< the id of the token that proved it, not the token
+    std::set<std::string> groups = {};  ///< those of the issuer; empty for others (AC22)
+    /// The end of the sign-in, in seconds since 1970; nothing: it lasts until it is revoked.
+    std::optional<std::int64_t> endsAt = {};
 };
 
 /// The user of a session and what they may do.
@@ -24,6 +29,10 @@ struct Subject {
     /// Nothing if the server does not ask users to sign in: `user` is the name in the hello then.
     std::optional<SignedIn> proof = {};
 
+    [[nodiscard]] const std::set<std::string>& groups() const {
+        static const std::set<std::string> none;
+        return proof ? proof->groups : none;
+    }
     [[nodiscard]] bool isAdministrator() const { return role == Role::Admin; }
 };
 
