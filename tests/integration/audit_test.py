@@ -7,6 +7,7 @@ import re
 import threading
 
 import pytest
+import usdlive
 from conftest import wait
 from studio import opened, project, studio, usdlive_, user  # noqa: F401 (fixtures)
 
@@ -148,6 +149,50 @@ def test_a_log_that_cannot_be_written_stops_nobody(studio):
     # Nothing of what was recorded meanwhile is missing.
     wait(lambda: events(studio.folder).count("sign-in refused") >= 2)
     assert "the audit log is written again" in studio.server.log.read_text()
+
+
+def test_an_editor_asks_what_it_may(studio):
+    """AC8"""
+    ann, eve = studio.join("ann", "editor"), studio.join("eve", "reviewer")
+    opened(ann)
+    stage, layer = opened(eve)
+    may = ann.may_edit("root.usda", "/World/Props", "transform")
+    assert may and may.why == ""
+    assert not eve.may_edit("root.usda") and not layer.permissionToEdit
+    assert eve.may_edit("root.usda").why == "a reviewer may not, and no rule allows it"
+
+    told = []
+    for live in (ann, eve):
+        live.add_handler(lambda event, live=live: told.append(live)
+                         if isinstance(event, usdlive.events.RightsChanged) else None)
+    for words in (("deny", "--user", "ann", "--path", "/World/Props/**", "--kind", "transform"),
+                  ("grant", "--user", "eve", "--path", "/World/Hero")):
+        assert usdlive_(words[0], studio.folder, *words[1:]).returncode == 0
+    wait(lambda: ann in told and eve in told, ann, eve)
+    assert told == [ann, eve] or told == [eve, ann], "who is not concerned is not told"
+    may = ann.may_edit("root.usda", "/World/Props/Box.xformOp:translate", "transform")
+    assert not may and may.why == "rule 1 denies transform in /World/Props/** to ann"
+    assert ann.may_edit("root.usda", "/World/Props/Box", "geometry") and ann.may_edit("root.usda", "/World/Props")
+    # A reviewer who may write something in a layer can.
+    assert layer.permissionToEdit
+    assert eve.may_edit("root.usda", "/World/Hero", "metadata") and not eve.may_edit("root.usda", "/World")
+    stage.GetPrimAtPath("/World/Hero").SetDocumentation("by eve")
+    assert eve.flush()
+    # Nobody sees the rules about others.
+    assert eve.may_edit("root.usda", "/World/Props", "transform").why == "a reviewer may not, and no rule allows it"
+    ann.lock("root.usda")
+    ann.flush()
+    wait(lambda: not eve.may_edit("root.usda", "/World/Hero"), eve)
+    assert eve.may_edit("root.usda", "/World/Hero").why == "root.usda is locked by ann"
+    assert ann.may_edit("root.usda", "/World")
+    for words, why in ((("root.usda", "World"), "path"), (("root.usda", "/", "colour"), "transform, geometry"),
+                       (("../root.usda",), "root.usda")):
+        with pytest.raises(usdlive.Error, match=why):
+            ann.may_edit(*words)
+    # An editor that connects later knows it at once.
+    studio.be("ann")
+    with usdlive.connect(studio.server.url) as later:
+        assert not later.may_edit("root.usda", "/World/Props", "transform")
 
 
 def test_rules_are_changed_by_commands(studio):

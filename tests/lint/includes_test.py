@@ -34,7 +34,7 @@ ALLOWED = {
     "server/files": ["common/", "server/project"],
     "server/auth": [*COMMON_PLAIN, "common/access", "common/net", "server/project"],
     "server/app": ["common/", "server/project", "server/auth", *SERVER_EDGES],
-    "client/session": COMMON_PLAIN,
+    "client/session": [*COMMON_PLAIN, "common/access"],
     "client/transport": [*COMMON_PLAIN, "common/transport", "common/dds", "common/net", "common/fetch", "client/session"],
     "client/basics": COMMON_PLAIN,
     "client/values": [*COMMON_PLAIN, "client/session", "client/basics"],

@@ -234,6 +234,8 @@ nb::dict convert(const client::event::LayerStatesChanged& event) {
     return d;
 }
 
+nb::dict convert(const client::event::RightsChanged&) { return make("RightsChanged"); }
+
 nb::dict convert(const client::event::PresenceChanged& event) {
     nb::dict d = make("PresenceChanged");
     nb::list shown, gone;

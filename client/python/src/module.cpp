@@ -219,6 +219,13 @@ public:
         if (!set) raise(set.error());
     }
 
+    std::pair<bool, std::string> mayEdit(const std::string& layer, const std::string& path,
+                                         const std::string& kind) {
+        const auto may =
+            orRaise(client("may_edit").mayEdit(orRaise(parseLayerId(layer)), path, kind));
+        return {may.isAllowed, may.why};
+    }
+
     nb::list layerStates() {
         nb::list states;
         for (const auto& [layer, state] : client("layer_states").layerStates())
@@ -424,6 +431,7 @@ NB_MODULE(_usdlive, module) {
         .def("end_gesture", &PythonClient::endGesture)
         .def("set_locked", &PythonClient::setLocked)
         .def("layer_states", &PythonClient::layerStates)
+        .def("may_edit", &PythonClient::mayEdit)
         .def("show_presence", &PythonClient::showPresence, nb::arg("selection"), nb::arg("camera"),
              nb::arg("time").none(), nb::arg("edit_target"), nb::arg("data"))
         .def("hide_presence",

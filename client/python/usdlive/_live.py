@@ -641,6 +641,14 @@ class Live:
         of viewers and reviewers: their `permissionToEdit` is False. Empty while the project is not known."""
         return self._client.role
 
+    def may_edit(self, layer: str, path: str = "/", kind: str | None = None) -> events.Permission:
+        """Returns whether this user may write opinions of a kind at a prim or property now, by role, access rules and
+        the layer's lock, so that an editor can grey out what is refused. Asks nobody and does not wait. `kind` is one of
+        "transform", "geometry", "shading", "animation", "variants", "composition", "schema", "metadata", "namespace"
+        and "property"; None means any one of them. After an `events.RightsChanged` or `events.LayerStatesChanged` the
+        answer may be another one. Raises an Error for another kind, and while the project is not known."""
+        return events.Permission(*self._client.may_edit(layer, path, kind or ""))
+
     @property
     def revision(self) -> int:
         """The newest revision that is confirmed and applied here."""

@@ -387,11 +387,27 @@ class UnsentFound:
     work: tuple[Unsent, ...]
 
 
+@dataclasses.dataclass(frozen=True)
+class RightsChanged:
+    """An administrator has changed what this user may write: `may_edit()` answers anew."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Permission:
+    """The answer of `may_edit()`, which is true if the user may. Otherwise `why` is a sentence."""
+
+    allowed: bool
+    why: str
+
+    def __bool__(self) -> bool:
+        return self.allowed
+
+
 Event = (
     Connected | Disconnected | LayersChanged | Joining | Joined | JoinFailed | Committed | Lost
     | PreviewChanged | Saved | Reloaded | CheckpointMade | CheckpointsListed | ServerError
     | LayerStatesChanged | PresenceChanged | UnsentFound | LayerMade | SkippedListed | Answered | Progress
-    | LayerOpened | LayerOpenFailed | FilesChanged | PathOutside | Uploaded | UploadFailed
+    | LayerOpened | LayerOpenFailed | FilesChanged | PathOutside | Uploaded | UploadFailed | RightsChanged
 )
 
 _ANSWERS = {"layersSaved": Saved, "layersReloaded": Reloaded, "layerCreated": LayerMade, "skippedFiles": SkippedListed,
@@ -402,7 +418,7 @@ _TYPES = _ANSWERS | {
     kind.__name__: kind
     for kind in (Connected, Disconnected, LayersChanged, Joining, Joined, JoinFailed, Committed, Lost, PreviewChanged,
                  ServerError, LayerStatesChanged, PresenceChanged, UnsentFound, Progress, LayerOpened, LayerOpenFailed,
-                 FilesChanged, PathOutside, Uploaded, UploadFailed)
+                 FilesChanged, PathOutside, Uploaded, UploadFailed, RightsChanged)
 }
 
 # The classes of what events contain, by field.

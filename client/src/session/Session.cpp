@@ -119,6 +119,7 @@ Revision Session::revision() const { return impl_->revision_; }
 const std::map<LayerId, LayerState>& Session::layerStates() const {
     return impl_->listed_.states();
 }
+const OwnRights& Session::rights() const { return impl_->rights_; }
 Result<void> Session::showPresence(Presence presence) {
     return impl_->people_.show(std::move(presence));
 }

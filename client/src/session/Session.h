@@ -22,6 +22,8 @@
 
 namespace usdlive::client {
 
+class OwnRights;
+
 /// An own transaction, for a journal that keeps it until it is acknowledged.
 struct PendingWork {
     std::uint64_t sequence = 0;
@@ -165,6 +167,9 @@ public:
     /// States of layers, as the server sends them. Layers that are saved, unlocked and open nowhere
     /// have none.
     [[nodiscard]] const std::map<LayerId, LayerState>& layerStates() const;
+
+    /// Role and access rules of this user, as the server sent them last.
+    [[nodiscard]] const OwnRights& rights() const;
 
     // Presence (PS1-PS3). Others see it within a tenth of a second while there is a connection.
     /// Errors: those of encodeChecked() and checkPresence(). The presence shown before stays.

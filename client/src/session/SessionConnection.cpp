@@ -161,6 +161,7 @@ void Session::Impl::on(const Welcome& message) {
     accepted_.reset();
     auto added = listed_.welcomed(message);
     channel_.welcomed(message);
+    rights_.welcomed(message);
     epoch_ = message.epoch;
     store_ = message.store.value_or(store_);
     if (!message.resumed) {

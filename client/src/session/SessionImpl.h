@@ -17,6 +17,7 @@
 #include "session/OthersPreviews.h"
 #include "session/OwnAddresses.h"
 #include "session/OwnPreviews.h"
+#include "session/OwnRights.h"
 #include "session/OwnSubmissions.h"
 #include "session/Peeks.h"
 #include "session/PendingTransactions.h"
@@ -72,6 +73,7 @@ public:
     Requests requests_{channel_, events_};
     ListedLayers listed_{channel_, events_};
     People people_{options_, channel_, events_};
+    OwnRights rights_{options_.user, events_};
     BlobDownloads downloads_{channel_};
     MissedWork missed_{channel_, requests_, events_};
     PendingTransactions pending_;
@@ -117,6 +119,7 @@ private:
     void on(const RequestProgress& message);
     void on(const LayerStates& message) { listed_.received(message); }
     void on(const Presences& message) { people_.received(message); }
+    void on(const AccessChanged& message) { rights_.received(message); }
     void on(const LogBegin& message) { requests_.received(message); }
     void on(const ErrorMessage& message);
     /// An answer ends its request. Messages for a server are ignored.

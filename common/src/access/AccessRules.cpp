@@ -2,6 +2,7 @@
 #include "usdlive/common/access/AccessRules.h"
 
 #include <algorithm>
+#include <iterator>
 #include <nlohmann/json.hpp>
 #include <tuple>
 
@@ -217,13 +218,71 @@ Result<AccessRules> AccessRules::parse(std::string_view text) try {
     if (rules->size() > kMostRules)
         throw Wrong{"there are more than " + std::to_string(kMostRules) + " rules"};
     AccessRules all;
-    for (const Json& rule : *rules)
-        all.rules_.push_back(ruleIn(rule, "rule " + std::to_string(all.rules_.size() + 1)));
+    for (const Json& rule : *rules) {
+        const std::size_t number = all.rules_.size() + 1;
+        all.rules_.push_back(ruleIn(rule, "rule " + std::to_string(number)));
+        all.rules_.back().number = number;
+    }
     return all;
 } catch (const Wrong& wrong) {
     return fail(ErrorCode::InvalidConfiguration, wrong.text);
 } catch (const Json::exception& error) {
     return fail(ErrorCode::InvalidConfiguration, error.what());
+}
+
+std::vector<SentRule> AccessRules::of(const UserName& user, Role role,
+                                      const std::set<std::string>& groups) const {
+    std::vector<SentRule> sent;
+    for (const AccessRule& rule : rules_) {
+        if (namedBy(rule, user, role, groups) == Named::Nobody) continue;
+        SentRule& one = sent.emplace_back();
+        one.number = rule.number;
+        one.allows = rule.allows;
+        if (rule.users.contains(user.value)) one.users = {user.value};
+        if (rule.roles.contains(role)) one.roles = {std::string(nameOf(role))};
+        std::ranges::set_intersection(rule.groups, groups, std::back_inserter(one.groups));
+        one.layers = rule.layers;
+        one.paths = rule.paths;
+        for (const OpinionKind kind : rule.kinds) one.kinds.emplace_back(nameOf(kind));
+    }
+    return sent;
+}
+
+AccessRules AccessRules::received(const std::vector<SentRule>& sent) {
+    AccessRules rules;
+    for (const SentRule& one : sent) {
+        AccessRule rule{.number = std::size_t(one.number),
+                        .allows = one.allows,
+                        .users = {one.users.begin(), one.users.end()},
+                        .roles = {},
+                        .groups = {one.groups.begin(), one.groups.end()},
+                        .layers = one.layers,
+                        .paths = one.paths,
+                        .kinds = {}};
+        for (const std::string& name : one.roles)
+            if (const auto role = roleNamed(name)) rule.roles.insert(*role);
+        for (const std::string& name : one.kinds)
+            if (const auto kind = opinionKindNamed(name)) rule.kinds.insert(*kind);
+        // A rule about unknown kinds only is none about all kinds.
+        if (rule.kinds.empty() && !one.kinds.empty()) continue;
+        rules.rules_.push_back(std::move(rule));
+    }
+    return rules;
+}
+
+bool AccessRules::mayWriteIn(const UserName& user, Role role, const LayerId& layer,
+                             const std::set<std::string>& groups) const {
+    if (!concern(user, role, groups)) return role >= Role::Editor;
+    const auto allowsSomewhere = [&](const AccessRule& rule) {
+        return rule.allows && namedBy(rule, user, role, groups) != Named::Nobody &&
+               strengthOf(rule.layers, layer.value) > 0;
+    };
+    if (std::ranges::any_of(rules_, allowsSomewhere)) return true;
+    // Without a rule that allows something, a place that no path names has what is left.
+    for (const std::string_view path : {"/", "/\x01"})
+        for (std::size_t kind = 0; kind < kOpinionKindNames.size(); ++kind)
+            if (decide({user, role, layer, path, OpinionKind(kind), groups}).isAllowed) return true;
+    return false;
 }
 
 AccessRules::Decision AccessRules::decide(const Question& question) const {
@@ -233,8 +292,7 @@ AccessRules::Decision AccessRules::decide(const Question& question) const {
     // In this order: who, where in the namespace, which layer, which kind; then a denial.
     using Weight = std::tuple<Named, std::size_t, std::size_t, bool, bool>;
     std::optional<Weight> heaviest;
-    for (std::size_t index = 0; index < rules_.size(); ++index) {
-        const AccessRule& rule = rules_[index];
+    for (const AccessRule& rule : rules_) {
         const Named who = namedBy(rule, question.user, question.role, question.groups);
         if (who == Named::Nobody) continue;
         if (!rule.kinds.empty() && !rule.kinds.contains(question.kind)) continue;
@@ -244,7 +302,7 @@ AccessRules::Decision AccessRules::decide(const Question& question) const {
         const Weight weight{who, path, layer, !rule.kinds.empty(), !rule.allows};
         if (heaviest && *heaviest >= weight) continue;
         heaviest = weight;
-        decision = {rule.allows, index + 1};
+        decision = {rule.allows, rule.number};
     }
     return decision;
 }
@@ -275,7 +333,9 @@ bool AccessRules::mayDenyBelow(const Question& question) const {
 }
 
 std::string AccessRules::describe(std::size_t number) const {
-    const AccessRule& rule = rules_.at(number - 1);
+    const auto found = std::ranges::find(rules_, number, &AccessRule::number);
+    if (found == rules_.end()) return "rule " + std::to_string(number);
+    const AccessRule& rule = *found;
     std::string kinds, who;
     for (const OpinionKind kind : rule.kinds)
         kinds += (kinds.empty() ? "" : ", ") + std::string(nameOf(kind));

@@ -1,5 +1,6 @@
 // Passes the messages of sessions to the parts that handle them.
 #include <algorithm>
+#include <map>
 #include <utility>
 
 #include "ProjectImpl.h"
@@ -26,6 +27,19 @@ void Project::Impl::rolesChanged(const std::function<Role(const SignedIn&)>& rol
                         "the access of " + proof->user.value + " to this project was ended"}
                 : Error{ErrorCode::ShuttingDown, "the role of " + proof->user.value + " is now " +
                                                      std::string(nameOf(role))});
+    }
+}
+
+void Project::Impl::setRules(std::shared_ptr<const AccessRules> rules) {
+    std::map<SessionId, std::vector<SentRule>> before;
+    for (const auto& [id, session] : sessions_.all())
+        if (session.isGreeted()) before.emplace(id, access_.rulesOf(session.subject));
+    access_.setRules(std::move(rules));
+    for (const auto& [id, session] : sessions_.all()) {
+        const auto known = before.find(id);
+        if (known == before.end() || !session.features.contains(kAccessFeature)) continue;
+        AccessChanged message{access_.rulesOf(session.subject)};
+        if (message.rules != known->second) sessions_.send(session, message);
     }
 }
 

@@ -57,7 +57,7 @@ void Project::rolesChanged(const std::function<Role(const SignedIn&)>& roleOf) {
     impl_->finishCall();
 }
 void Project::setRules(std::shared_ptr<const AccessRules> rules) {
-    impl_->access_.setRules(std::move(rules));
+    impl_->setRules(std::move(rules));
 }
 void Project::received(SessionId session, ByteView message) {
     impl_->received(session, message);

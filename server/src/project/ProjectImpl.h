@@ -34,6 +34,7 @@ public:
 
     // Dispatch.cpp
     void connected(SessionId id, std::optional<SignedIn> user);
+    void setRules(std::shared_ptr<const AccessRules> rules);
     void rolesChanged(const std::function<Role(const SignedIn&)>& roleOf);
     void received(SessionId id, ByteView message);
     void disconnected(SessionId id);

@@ -6,12 +6,15 @@
 
 #include "basics/SystemUser.h"
 #include "link/OwnName.h"
+#include "session/OwnRights.h"
 #include "transport/Connection.h"
 #include "usd/assets/DynamicPayloads.h"
 #include "usd/editor/ClientImpl.h"
 #include "usdlive/common/core/ClientSecret.h"
 #include "usdlive/common/core/Thread.h"
+#include "usdlive/common/core/Utf8.h"
 #include "usdlive/common/fetch/Join.h"
+#include "usdlive/common/layer/SpecPath.h"
 #include "usdlive/common/protocol/CheckedControl.h"
 #include "usdlive/common/protocol/Role.h"
 #include "work/Journal.h"
@@ -297,8 +300,39 @@ bool Client::isAdministrator() const {
     return welcome && welcome->administrator.value_or(false);
 }
 std::string Client::role() const {
-    const auto& welcome = here("role").session().welcome();
-    return welcome ? welcome->role.value_or(std::string(nameOf(Role::Editor))) : "";
+    const client::Session& session = here("role").session();
+    return session.welcome() ? std::string(nameOf(session.rights().role())) : "";
+}
+Result<Client::Permission> Client::mayEdit(const LayerId& layer, const std::string& path,
+                                           std::string_view kind) const {
+    if (auto error = misuse("mayEdit", false)) return tl::unexpected(*error);
+    const client::Session& session = impl_->session();
+    if (!session.welcome())
+        return fail(ErrorCode::NotConnected,
+                    "what the user may do is not known before the project is");
+    if (const auto parsed = specpath::parse(path); !parsed) return tl::unexpected(parsed.error());
+    const auto asked = opinionKindNamed(kind);
+    if (!kind.empty() && !asked) {
+        std::string names;
+        for (const std::string_view name : kOpinionKindNames)
+            names += (names.empty() ? "" : ", ") + std::string(name);
+        return fail(ErrorCode::InvalidArgument,
+                    inQuotes(kind) + " is not a kind of opinion; they are " + names);
+    }
+    if (const auto holder = impl_->layers().foreignLock(layer))
+        return Permission{false, layer.value + " is locked by " + holder->value};
+    const client::OwnRights& rights = session.rights();
+    std::string why;
+    for (std::size_t index = 0; index < kOpinionKindNames.size(); ++index) {
+        const auto one = OpinionKind(index);
+        if (asked && *asked != one) continue;
+        const auto decision = rights.decide(layer, path, one);
+        if (decision.isAllowed) return Permission{true, {}};
+        why = decision.rule
+                  ? rights.rules().describe(*decision.rule)
+                  : "a " + std::string(nameOf(rights.role())) + " may not, and no rule allows it";
+    }
+    return Permission{false, why};
 }
 fs::path Client::cacheFolder() const { return here("cacheFolder").cache().folder(); }
 

@@ -317,6 +317,8 @@ bool Client::Impl::note(client::Event& one) {
         layers_.followLocks();
     } else if (const auto* states = std::get_if<event::LayerStatesChanged>(&one)) {
         for (const LayerState& state : states->layers) layers_.followLock(state.layer);
+    } else if (std::holds_alternative<event::RightsChanged>(one)) {
+        layers_.followLocks();
     } else if (const auto* committed = std::get_if<event::Committed>(&one)) {
         if (committed->commit.id.client == session_.id()) values_.committed(committed->commit);
     } else if (auto* joined = std::get_if<event::Joined>(&one)) {

@@ -9,11 +9,11 @@
 #include <utility>
 
 #include "basics/Clocks.h"
+#include "session/OwnRights.h"
 #include "usd/live/EarlyWork.h"
 #include "usd/live/LayerClaims.h"
 #include "usd/places/UsedLayers.h"
 #include "usdlive/common/core/LayerPath.h"
-#include "usdlive/common/protocol/Role.h"
 
 namespace usdlive::client {
 
@@ -339,17 +339,20 @@ void OpenLayers::makeNamedFindable() {
     }
 }
 
-void OpenLayers::followLock(const LayerId& id) {
-    auto* live = find(id);
+std::optional<UserName> OpenLayers::foreignLock(const LayerId& id) const {
     const auto& welcome = with_.session.welcome();
-    if (!live || !welcome) return;
+    if (!welcome || welcome->administrator.value_or(false)) return std::nullopt;
     const auto& states = with_.session.layerStates();
     const auto state = states.find(id);
-    const bool locked = state != states.end() && state->second.locked;
-    const bool isOthers =
-        locked && state->second.holder != with_.user && !welcome->administrator.value_or(false);
-    const auto role = roleNamed(welcome->role.value_or(std::string(usdlive::nameOf(Role::Editor))));
-    live->setForbidden(isOthers || (role && *role < Role::Editor));
+    if (state == states.end() || !state->second.locked || state->second.holder == with_.user)
+        return std::nullopt;
+    return state->second.holder;
+}
+
+void OpenLayers::followLock(const LayerId& id) {
+    auto* live = find(id);
+    if (!live || !with_.session.welcome()) return;
+    live->setForbidden(foreignLock(id) || !with_.session.rights().mayWriteIn(id));
 }
 
 void OpenLayers::followLocks() {

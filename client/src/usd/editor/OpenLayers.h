@@ -102,7 +102,10 @@ public:
     /// Makes layers findable that edits of this tick name, because composition opens them at the
     /// end of the change block. Those that value clips name are found as files.
     void makeNamedFindable();
-    /// Sets `permissionToEdit` according to the lock that the server has reported.
+    /// Returns who has locked the layer, if this keeps the user from editing it (LK1).
+    [[nodiscard]] std::optional<UserName> foreignLock(const LayerId& id) const;
+    /// Sets `permissionToEdit` according to the lock, the role and the access rules that the server
+    /// has reported.
     void followLock(const LayerId& id);
     void followLocks();
 

@@ -49,6 +49,11 @@ public:
     /// Replaces the rules that add to roles or take from them (AC6).
     void setRules(std::shared_ptr<const AccessRules> rules) { rules_ = std::move(rules); }
 
+    /// Returns the rules that concern the user (AC8).
+    [[nodiscard]] std::vector<SentRule> rulesOf(const Subject& subject) const {
+        return rules_->of(subject.user, subject.role, subject.groups());
+    }
+
     // --- decisions
 
     /// Decides about edits, saves and reloads of a layer (LK1, LK3).

@@ -3,6 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include <random>
+
 namespace usdlive {
 namespace {
 
@@ -137,6 +139,100 @@ TEST(AccessRules, MayDenyBelowAPrim) {
     EXPECT_TRUE(below("/Sets/A"));
     EXPECT_FALSE(below("/Wor"));
     EXPECT_FALSE(below("/Cameras"));
+}
+
+/// A user with what the rules of others hide.
+struct Somebody {
+    UserName user;
+    Role role;
+    std::set<std::string> groups;
+};
+
+TEST(AccessRules, AUserIsSentWhatDecidesAboutThem) {
+    const std::vector<std::string> users{"ann", "bob"}, groups{"fx", "rig"},
+        layers{"a.usda", "b/*.usda", "**"},
+        paths{"/", "/World", "/World/**", "/*/Rig", "/World/Props/Box"};
+    const std::vector<LayerId> allLayers{{"a.usda"}, {"b/c.usda"}, {"d.usdc"}};
+    std::mt19937 random(7);
+    const auto chance = [&](unsigned one) { return random() % one == 0; };
+    const auto some = [&](const std::vector<std::string>& from) {
+        std::vector<std::string> chosen;
+        if (chance(2)) return chosen;
+        for (const std::string& text : from)
+            if (chance(2)) chosen.push_back(text);
+        return chosen;
+    };
+    std::size_t denied = 0, allowed = 0;
+    for (int round = 0; round < 500; ++round) {
+        std::string text;
+        for (std::size_t count = random() % 6; count > 0; --count) {
+            AccessRule rule;
+            rule.allows = chance(2);
+            for (const auto& user : some(users)) rule.users.insert(user);
+            for (const auto& group : some(groups)) rule.groups.insert(group);
+            if (chance(3)) rule.roles.insert(chance(2) ? Role::Editor : Role::Reviewer);
+            rule.layers = some(layers);
+            rule.paths = some(paths);
+            if (chance(2)) rule.kinds.insert(OpinionKind(random() % kOpinionKindNames.size()));
+            text += (text.empty() ? "" : ", ") + textOf(rule);
+        }
+        const AccessRules all = rules(text);
+        for (const Somebody& one :
+             {Somebody{{"ann"}, Role::Editor, {"fx"}},
+              Somebody{{"bob"}, Role::Reviewer, {"fx", "rig"}}, Somebody{{"eve"}, Role::Viewer, {}},
+              Somebody{{"eve"}, Role::Admin, {"rig"}}}) {
+            const auto sent = all.of(one.user, one.role, one.groups);
+            for (const SentRule& rule : sent) {
+                for (const auto& name : rule.users) EXPECT_EQ(name, one.user.value);
+                for (const auto& name : rule.groups) EXPECT_TRUE(one.groups.contains(name));
+            }
+            const AccessRules own = AccessRules::received(sent);
+            for (const LayerId& layer : allLayers) {
+                bool any = false;
+                for (const char* path :
+                     {"/", "/World", "/World/Props/Box.size", "/Other", "/X/Rig"})
+                    for (std::size_t kind = 0; kind < kOpinionKindNames.size(); ++kind) {
+                        const auto ask = [&](const AccessRules& whom) {
+                            return whom.decide(
+                                {one.user, one.role, layer, path, OpinionKind(kind), one.groups});
+                        };
+                        const auto decision = ask(all);
+                        EXPECT_EQ(ask(own).isAllowed, decision.isAllowed) << text;
+                        EXPECT_EQ(ask(own).rule, decision.rule) << text;
+                        any = any || decision.isAllowed;
+                        ++(decision.isAllowed ? allowed : denied);
+                    }
+                if (any) {
+                    EXPECT_TRUE(own.mayWriteIn(one.user, one.role, layer, one.groups)) << text;
+                }
+            }
+        }
+    }
+    EXPECT_GT(denied, 1'000);
+    EXPECT_GT(allowed, 1'000);
+}
+
+TEST(AccessRules, MayWriteInALayer) {
+    const UserName ann{"ann"};
+    const LayerId layer{"a.usda"};
+    const auto may = [&](const std::string& text, Role role = Role::Editor) {
+        return rules(text).mayWriteIn(ann, role, layer);
+    };
+    EXPECT_TRUE(may(""));
+    EXPECT_FALSE(may("", Role::Reviewer));
+    EXPECT_TRUE(may(R"({"effect": "allow", "paths": ["/A"]})", Role::Viewer));
+    EXPECT_FALSE(may(R"({"effect": "allow", "layers": ["b.usda"]})", Role::Viewer));
+    EXPECT_FALSE(may(R"({"effect": "deny"})"));
+    EXPECT_FALSE(may(R"({"effect": "deny", "paths": ["/**"]})"));
+    EXPECT_TRUE(may(R"({"effect": "deny", "paths": ["/A/**"]})"));
+    EXPECT_TRUE(may(R"({"effect": "deny", "layers": ["b.usda"]})"));
+    EXPECT_TRUE(may(R"({"effect": "deny"})", Role::Admin));
+}
+
+TEST(AccessRules, NamesOfALaterVersionAreLeftOut) {
+    const SentRule later{1, true, {}, {"director"}, {}, {}, {}, {"smell"}};
+    EXPECT_TRUE(AccessRules::received({later}).rules().empty());
+    EXPECT_FALSE(AccessRules::received({later}).mayWriteIn({"ann"}, Role::Viewer, {"a.usda"}));
 }
 
 TEST(AccessRules, Globs) {

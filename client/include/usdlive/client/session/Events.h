@@ -190,6 +190,8 @@ struct PresenceChanged {
     std::vector<Presence> shown;
     std::vector<ClientId> gone;
 };
+/// An administrator has changed what this user may write: Client::mayEdit() answers anew.
+struct RightsChanged {};
 }  // namespace event
 /// The events above, and event::Answered for each request.
 template <class Events, class Requests>
@@ -204,7 +206,7 @@ using Event = WithAnswers<
                  event::PreviewChanged, event::ServerError, event::LayerStatesChanged,
                  event::PresenceChanged, event::UnsentFound, event::Progress, event::LayerOpened,
                  event::LayerOpenFailed, event::FilesChanged, event::PathOutside, event::Uploaded,
-                 event::UploadFailed>,
+                 event::UploadFailed, event::RightsChanged>,
     AnyRequest>::Type;
 
 }  // namespace usdlive::client

@@ -308,6 +308,19 @@ public:
     /// Returns "viewer", "reviewer", "editor" or "admin": what the server lets the user do (AC3).
     /// Live layers refuse edits of viewers and reviewers. Empty while the project is not known.
     [[nodiscard]] std::string role() const;
+    /// The answer to mayEdit(). `why` is a sentence if the user may not.
+    struct Permission {
+        bool isAllowed = false;
+        std::string why;
+    };
+    /// Returns whether the server lets the user write opinions of this kind at the place now, by
+    /// role, access rules and the lock of the layer (AC3, AC6, LK1). Asks nobody and does not
+    /// wait. `path` names a prim or property; `kind` is a kind of opinion (AC7), for example
+    /// "transform"; empty: any one. The server decides again when it orders an edit. After
+    /// event::RightsChanged and event::LayerStatesChanged the answer may be another one. Errors:
+    /// InvalidArgument (path, kind), NotConnected (the project is not known yet).
+    [[nodiscard]] Result<Permission> mayEdit(const LayerId& layer, const std::string& path,
+                                             std::string_view kind = {}) const;
     [[nodiscard]] std::filesystem::path cacheFolder() const;
 
 private:

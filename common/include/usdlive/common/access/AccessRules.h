@@ -11,12 +11,14 @@
 #include "usdlive/common/access/OpinionKind.h"
 #include "usdlive/common/core/Id.h"
 #include "usdlive/common/core/Result.h"
+#include "usdlive/common/protocol/Control.h"
 #include "usdlive/common/protocol/Role.h"
 
 namespace usdlive {
 
 /// One rule. An empty list means all.
 struct AccessRule {
+    std::size_t number = 0;  ///< its place in the file, from 1
     bool allows = false;
     std::set<std::string> users;
     std::set<Role> roles;
@@ -41,6 +43,12 @@ public:
     /// the rule.
     [[nodiscard]] static Result<AccessRules> parse(std::string_view text);
 
+    /// Returns the rules that concern a user, without the names of others (AC8).
+    [[nodiscard]] std::vector<SentRule> of(const UserName& user, Role role,
+                                           const std::set<std::string>& groups = kNoGroups) const;
+    /// Returns rules that a server has sent. Names of a later version are left out.
+    [[nodiscard]] static AccessRules received(const std::vector<SentRule>& sent);
+
     struct Question {
         const UserName& user;
         Role role;
@@ -62,8 +70,13 @@ public:
     /// deny at the prim itself.
     [[nodiscard]] bool mayDenyBelow(const Question& question) const;
 
+    /// Returns whether the user may write opinions of some kind somewhere in the layer.
+    [[nodiscard]] bool mayWriteIn(const UserName& user, Role role, const LayerId& layer,
+                                  const std::set<std::string>& groups = kNoGroups) const;
+
     [[nodiscard]] const std::vector<AccessRule>& rules() const { return rules_; }
-    /// Returns the rule as a sentence: "rule 2 denies transform in /World/Props/** to editors".
+    /// Returns the rule with this number as a sentence: "rule 2 denies transform in /World/Props/**
+    /// to editors".
     [[nodiscard]] std::string describe(std::size_t rule) const;
 
 private:

@@ -54,6 +54,26 @@ struct LayerInfo {
     USDLIVE_FIELDS(layer)
     bool operator==(const LayerInfo&) const = default;
 };
+/// An access rule as a user is sent it (AC8). An empty list means all.
+struct SentRule {
+    std::uint64_t number = 0;  ///< its place among the rules of the project, from 1
+    bool allows = false;
+    std::vector<std::string> users;  ///< the user, or nobody
+    std::vector<std::string> roles;
+    std::vector<std::string> groups;         ///< those of the user
+    std::vector<std::string> layers, paths;  ///< globs
+    std::vector<std::string> kinds;          ///< kinds of opinion (AC7)
+    USDLIVE_FIELDS(number, allows, users, roles, groups, layers, paths, kinds)
+    bool operator==(const SentRule&) const = default;
+};
+/// Server: the access rules that concern the user have changed. Feature `access`.
+struct AccessChanged {
+    static constexpr std::string_view kType = "accessChanged";
+    std::vector<SentRule> rules;
+    USDLIVE_FIELDS(rules)
+    bool operator==(const AccessChanged&) const = default;
+};
+inline constexpr const char* kAccessFeature = "access";
 /// Server: the answer to Hello. Afterwards the server sends every commit after `revision`; to a
 /// resumed session every commit after Hello::resume.revision, also those up to `revision`.
 struct Welcome {
@@ -76,9 +96,11 @@ struct Welcome {
     std::optional<std::uint64_t> maxTransactionBytes = {};
     std::optional<StoreId> store = {};     ///< the identity of the project's store (ID1)
     std::optional<std::string> role = {};  ///< the user's role (AC3)
+    /// The access rules that concern the user (AC8). Feature `access`.
+    std::optional<std::vector<SentRule>> rules = {};
     USDLIVE_FIELDS(protocol, features, project, epoch, revision, hash, resumed, layers,
                    maxFrameBytes, maxBlobBytes, administrator, base, maxTransactionBytes, store,
-                   role)
+                   role, rules)
     bool operator==(const Welcome&) const = default;
 };
 /// Server: names that were added to the project's layers, or removed from them. Those of a
@@ -230,11 +252,12 @@ template <class... Messages, class... Requests>
 struct WithRequests<std::variant<Messages...>, std::variant<Requests...>> {
     using Type = std::variant<Messages..., Requests..., typename Requests::Answer...>;
 };
-using ControlMessage = WithRequests<
-    std::variant<Hello, Welcome, LayerList, ProjectLayers, OpenLayer, LayerOpened, KeepLayers,
-                 CloseLayer, RequestBlob, BlobStored, AlreadyCommitted, RequestProgress, RequestLog,
-                 LogBegin, LogEnd, LayerStates, ShowPresence, Presences, ErrorMessage>,
-    AnyRequest>::Type;
+using ControlMessage =
+    WithRequests<std::variant<Hello, Welcome, LayerList, ProjectLayers, OpenLayer, LayerOpened,
+                              KeepLayers, CloseLayer, RequestBlob, BlobStored, AlreadyCommitted,
+                              RequestProgress, RequestLog, LogBegin, LogEnd, LayerStates,
+                              ShowPresence, Presences, AccessChanged, ErrorMessage>,
+                 AnyRequest>::Type;
 
 /// The features of this build, as hello and welcome name them: those of requests, and others.
 [[nodiscard]] const std::vector<std::string>& protocolFeatures();

@@ -89,6 +89,7 @@ const std::vector<ClientFunction> kFunctions{
     THROWS(id),
     THROWS(user),
     THROWS(role),
+    RETURNS(mayEdit, kThreadLayer, "/A"),
     THROWS(isAdministrator),
     THROWS(cacheFolder),
 };

@@ -1,0 +1,43 @@
+// The rights of this user: what the server lets them write (AC3, AC6, AC8).
+#pragma once
+
+#include <optional>
+#include <string_view>
+#include <vector>
+
+#include "session/SessionEvents.h"
+#include "usdlive/common/access/AccessRules.h"
+
+namespace usdlive::client {
+
+/// The role and the access rules of this user, as the server sent them last. Locks are not among
+/// them.
+class OwnRights {
+public:
+    OwnRights(UserName user, SessionEvents& events) : user_(std::move(user)), events_(events) {}
+
+    void welcomed(const Welcome& message);
+    void received(const AccessChanged& message);
+
+    [[nodiscard]] Role role() const { return role_; }
+    [[nodiscard]] const AccessRules& rules() const { return rules_; }
+    [[nodiscard]] AccessRules::Decision decide(const LayerId& layer, std::string_view path,
+                                               OpinionKind kind) const {
+        return rules_.decide({user_, role_, layer, path, kind, groups_});
+    }
+    /// Returns whether the user may write something in the layer.
+    [[nodiscard]] bool mayWriteIn(const LayerId& layer) const {
+        return rules_.mayWriteIn(user_, role_, layer, groups_);
+    }
+
+private:
+    void take(const std::vector<SentRule>& rules);
+
+    const UserName user_;
+    SessionEvents& events_;
+    Role role_ = Role::Editor;
+    std::set<std::string> groups_;  // those that rules name
+    AccessRules rules_;
+};
+
+}  // namespace usdlive::client
