@@ -18,7 +18,7 @@ STAMP_BYTES = 40  # STAMP sequence ":" nanoseconds, padded
 class Connection:
     """Sends upgrade and hello; then passes every frame to `on_frame(connection, frame)`."""
 
-    def __init__(self, crowd: Crowd, resume=None, receive_buffer=None):
+    def __init__(self, crowd: Crowd, resume=None, receive_buffer=None, user="wire", token=""):
         self.crowd, self.client = crowd, wire.new_client()
         self.welcomed = self.closed = self.upgraded = False
         self.data, self.out = bytearray(), bytearray()
@@ -33,8 +33,9 @@ class Connection:
         key = base64.b64encode(os.urandom(16)).decode()
         self.out += (f"GET /live HTTP/1.1\r\nHost: {host}:{port}\r\nUpgrade: websocket\r\n"
                      f"Connection: Upgrade\r\nSec-WebSocket-Key: {key}\r\n"
-                     "Sec-WebSocket-Version: 13\r\n\r\n").encode()
-        self.greeting = wire.hello(self.client, resume=resume)
+                     + (f"Authorization: Bearer {token}\r\n" if token else "")
+                     + "Sec-WebSocket-Version: 13\r\n\r\n").encode()
+        self.greeting = wire.hello(self.client, user=user, resume=resume)
         crowd.selector.register(self.socket, selectors.EVENT_READ | selectors.EVENT_WRITE, self)
 
     def send(self, message, opcode=2):

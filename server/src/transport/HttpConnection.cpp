@@ -162,6 +162,7 @@ private:
         target.peer = peer;
         isHead_ = request.method() == http::verb::head;
         if (auto refusal = refusedHost(request)) return answer(std::move(*refusal));
+        if (auto refusal = refusedOrigin(request)) return answer(std::move(*refusal));
         try {
             const HttpRoute route = hub_.router(target);
             if (const auto* refusal = std::get_if<HttpReply>(&route)) return answer(*refusal);
@@ -199,14 +200,6 @@ private:
         // A client has to wait for the answer, so further bytes are not WebSocket.
         if (!beast::websocket::is_upgrade(request) || buffer_.size() != 0)
             return answer({"text/plain", "this is a WebSocket endpoint\n", kUpgradeRequired});
-        if (!originAllowed(request)) {
-            hub_.log.write(LogLevel::Warning, "origin refused",
-                           {{"origin", view(request[http::field::origin])}});
-            return answer({"text/plain",
-                           "pages of this origin may not connect. Start the server with "
-                           "--allow-origin to allow it\n",
-                           kForbidden});
-        }
         done_ = true;
         seat_->giveWayBy(nullptr);
         seat_->moved(steady_clock::now());
@@ -229,12 +222,39 @@ private:
                          kMisdirected};
     }
 
-    bool originAllowed(const Request& request) const {
+    /// HO2. Other programs than browsers send no origin.
+    std::optional<HttpReply> refusedOrigin(const Request& request) const {
         const auto origin = request.find(http::field::origin);
-        if (origin == request.end()) return true;
-        for (const std::string& allowed : hub_.options.allowedOrigins)
-            if (allowed == "*" || allowed == view(origin->value())) return true;
-        return false;
+        const bool isForeign =
+            origin == request.end()
+                ? isOfOtherSite(request)
+                : !isAllowed(view(origin->value())) && !isOwn(view(origin->value()), request);
+        if (!isForeign) return std::nullopt;
+        hub_.log.write(LogLevel::Warning, "origin refused",
+                       {{"origin", view(request[http::field::origin])}});
+        return HttpReply{"text/plain",
+                         "pages of this origin may not connect. Start the server with "
+                         "--allow-origin to allow it\n",
+                         kForbidden};
+    }
+
+    bool isAllowed(std::string_view origin) const {
+        return std::ranges::any_of(hub_.options.allowedOrigins, [&](const std::string& allowed) {
+            return allowed == "*" || allowed == origin;
+        });
+    }
+
+    /// Returns whether the origin is that of the server's own pages. Its host was checked (HO1).
+    bool isOwn(std::string_view origin, const Request& request) const {
+        const std::string scheme = hub_.options.tls ? "https://" : "http://";
+        return origin == scheme + std::string(view(request[http::field::host]));
+    }
+
+    /// A picture or script of another site's page has no origin, but browsers say what it is for.
+    bool isOfOtherSite(const Request& request) const {
+        const auto site = view(request["Sec-Fetch-Site"]);
+        if (site != "cross-site" && site != "same-site") return false;
+        return view(request["Sec-Fetch-Mode"]) != "navigate" && !isAllowed("*");
     }
 
     void answer(HttpReply reply) {

@@ -494,6 +494,30 @@ TEST_F(HttpServerTest, RefusesPagesOfForeignOrigins) {
     EXPECT_NO_THROW(join(0, "https://studio.example"));
 }
 
+TEST_F(HttpServerTest, HO2RefusesRequestsOfForeignPages) {
+    HttpServerOptions options;
+    options.allowedOrigins = {"https://studio.example"};
+    start({}, options);
+    const auto status = [&](const std::string& headers) {
+        return http("GET /healthz HTTP/1.1\r\nHost: 127.0.0.1:7\r\n" + headers + "\r\n").substr(9, 3);
+    };
+    EXPECT_EQ(status(""), "200");
+    EXPECT_EQ(status("Origin: https://evil.example\r\n"), "403");
+    EXPECT_EQ(status("Origin: null\r\n"), "403");
+    EXPECT_EQ(status("Origin: https://studio.example\r\n"), "200");
+    // The server's own pages. Another port is another origin.
+    EXPECT_EQ(status("Origin: http://127.0.0.1:7\r\n"), "200");
+    EXPECT_EQ(status("Origin: http://127.0.0.1:8\r\n"), "403");
+    EXPECT_EQ(status("Origin: https://127.0.0.1:7\r\n"), "403");
+    for (const std::string site : {"cross-site", "same-site"}) {
+        EXPECT_EQ(status("Sec-Fetch-Site: " + site + "\r\nSec-Fetch-Mode: no-cors\r\n"), "403");
+        EXPECT_EQ(status("Sec-Fetch-Site: " + site + "\r\n"), "403");
+        EXPECT_EQ(status("Sec-Fetch-Site: " + site + "\r\nSec-Fetch-Mode: navigate\r\n"), "200");
+    }
+    for (const std::string site : {"none", "same-origin"})
+        EXPECT_EQ(status("Sec-Fetch-Site: " + site + "\r\nSec-Fetch-Mode: no-cors\r\n"), "200");
+}
+
 TEST_F(HttpServerTest, SaysThatThePortIsInUse) {
     start();
     HttpServerOptions options;
