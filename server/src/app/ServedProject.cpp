@@ -78,6 +78,7 @@ Project::Options projectOptions(const std::string& name, const ServerOptions& op
     project.maxBlobBytes = options.maxBlobMib * kMib;
     project.maxTransactionBytes = options.maxTransactionMib * kMib;
     project.maxSessions = options.maxSessions;
+    project.maxUserSessions = options.maxUserSessions;
     for (const std::string& user : options.administrators) project.administrators.insert({user});
     project.historyDays = options.historyDays;
     project.lockTakeoverMs = std::int64_t(options.lockTakeoverMinutes) * 60'000;

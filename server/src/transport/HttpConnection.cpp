@@ -225,10 +225,9 @@ private:
     /// HO2. Other programs than browsers send no origin.
     std::optional<HttpReply> refusedOrigin(const Request& request) const {
         const auto origin = request.find(http::field::origin);
-        const bool isForeign =
-            origin == request.end()
-                ? isOfOtherSite(request)
-                : !isAllowed(view(origin->value())) && !isOwn(view(origin->value()), request);
+        const bool isForeign = origin == request.end() ? isOfOtherSite(request)
+                                                       : !isAllowed(view(origin->value())) &&
+                                                             !isOwn(view(origin->value()), request);
         if (!isForeign) return std::nullopt;
         hub_.log.write(LogLevel::Warning, "origin refused",
                        {{"origin", view(request[http::field::origin])}});

@@ -79,6 +79,8 @@ void Greeting::greet(Session& session, const Hello& hello) {
     } else {
         session.subject = access_->subject(hello.user);
     }
+    if (const auto refused = whyNotAs(session, hello.client))
+        return sessions_->close(session, *refused);
     supersede(hello.client);
     if (sessions_->clients() >= options_->maxSessions)
         return sessions_->close(
@@ -111,6 +113,24 @@ std::vector<std::string> Greeting::features(SessionId session, const Hello& hell
 
 /// Closes the client's earlier connection. It may still deliver messages, which would be executed
 /// although the client has sent them again on the new connection, or has counted them as refused.
+std::optional<Error> Greeting::whyNotAs(const Session& session, const ClientId& client) const {
+    if (!session.subject.proof) return std::nullopt;
+    const UserName& user = session.subject.user;
+    std::size_t others = 0;
+    for (const auto& [id, other] : sessions_->all()) {
+        if (other.client.value.empty() || other.isClosing()) continue;
+        const bool isOfUser = other.subject.user == user;
+        if (other.client == client && !isOfUser)
+            return Error{ErrorCode::InvalidArgument,
+                         "the client id " + client.value + " is that of a session of another user"};
+        if (other.client != client && isOfUser) ++others;
+    }
+    if (others < options_->maxUserSessions) return std::nullopt;
+    return Error{ErrorCode::TooManySessions,
+                 user.value + " has " + std::to_string(others) +
+                     " sessions, which is the limit for one user (--max-user-sessions)"};
+}
+
 void Greeting::supersede(const ClientId& client) {
     bool superseded = false;
     for (auto& [id, other] : sessions_->all()) {

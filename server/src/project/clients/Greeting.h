@@ -66,6 +66,9 @@ private:
     [[nodiscard]] std::optional<Error> whyNotResumable(const Session& session,
                                                        const Hello::Resume& resume) const;
     [[nodiscard]] std::vector<std::string> features(SessionId session, const Hello& hello) const;
+    /// AC9, AC10: returns why the user may not have a session with this client id.
+    [[nodiscard]] std::optional<Error> whyNotAs(const Session& session,
+                                                const ClientId& client) const;
     void supersede(const ClientId& client);
     void resumeChecked(Session& session, const Result<Hash>& hash);
     void welcome(Session& session, std::optional<Error> whyNotResumed);

@@ -34,6 +34,16 @@ protected:
         welcomes[session] = world.nextControl<Welcome>(session);
         world.host.sent[session].clear();
     }
+    /// Returns how a session of the user ends that says this client id; nothing if it is welcomed.
+    std::optional<Error> refusalAs(SessionId session, SignedIn who, const std::string& client) {
+        world.project->connected(session, who);
+        Hello hello = world.hello(session);
+        hello.user = who.user;
+        hello.client = {client};
+        world.receive(session, ControlMessage(hello));
+        if (!world.host.closed.contains(session)) return std::nullopt;
+        return toError(world.nextControl<ErrorMessage>(session));
+    }
     void setRules(const std::string& list) {
         auto rules = AccessRules::parse(R"({"format": 1, "rules": [)" + list + "]}");
         if (!rules) throw std::runtime_error(rules.error().message);
@@ -222,6 +232,38 @@ TEST_F(ProjectAccess, AC6PreviewsFollowTheRules) {
     EXPECT_TRUE(world.silent(kAdmin));
     world.receive(kEditor, Frame(PreviewFrame{{}, 1, 0, {set("/B.x", 1)}}));
     EXPECT_FALSE(world.silent(kAdmin));
+}
+
+TEST_F(ProjectAccess, AC9AClientIdOfAnotherUserCannotBeTaken) {
+    const auto refused = refusalAs(11, user(kViewer, Role::Admin), world.client(kEditor).value);
+    ASSERT_TRUE(refused);
+    EXPECT_EQ(refused->code, ErrorCode::InvalidArgument);
+    EXPECT_NE(refused->message.find("another user"), std::string::npos);
+    EXPECT_FALSE(world.host.closed.contains(kEditor)) << "its owner is not disturbed";
+    // The user itself continues with it.
+    EXPECT_FALSE(refusalAs(12, user(kEditor, Role::Editor), world.client(kEditor).value));
+    EXPECT_TRUE(world.host.closed.contains(kEditor));
+}
+
+TEST(ProjectUserSessions, AC10AUserCannotTakeAllSessions) {
+    Project::Options options;
+    options.maxUserSessions = 2;
+    World world(options);
+    world.start();
+    const auto join = [&](SessionId session, const std::string& user) {
+        world.project->connected(session, SignedIn{{user}, Role::Editor, "token"});
+        Hello hello = world.hello(session);
+        hello.user = {user};
+        world.receive(session, ControlMessage(hello));
+        return !world.host.closed.contains(session);
+    };
+    EXPECT_TRUE(join(1, "ann"));
+    EXPECT_TRUE(join(2, "ann"));
+    EXPECT_FALSE(join(3, "ann"));
+    EXPECT_EQ(world.nextControl<ErrorMessage>(3).code, errorName(ErrorCode::TooManySessions));
+    EXPECT_TRUE(join(4, "bob"));
+    world.project->disconnected(1);
+    EXPECT_TRUE(join(5, "ann"));
 }
 
 }  // namespace

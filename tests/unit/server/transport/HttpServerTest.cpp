@@ -499,7 +499,8 @@ TEST_F(HttpServerTest, HO2RefusesRequestsOfForeignPages) {
     options.allowedOrigins = {"https://studio.example"};
     start({}, options);
     const auto status = [&](const std::string& headers) {
-        return http("GET /healthz HTTP/1.1\r\nHost: 127.0.0.1:7\r\n" + headers + "\r\n").substr(9, 3);
+        return http("GET /healthz HTTP/1.1\r\nHost: 127.0.0.1:7\r\n" + headers + "\r\n")
+            .substr(9, 3);
     };
     EXPECT_EQ(status(""), "200");
     EXPECT_EQ(status("Origin: https://evil.example\r\n"), "403");

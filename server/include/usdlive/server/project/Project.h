@@ -117,6 +117,7 @@ public:
         std::size_t wholeCommitBytes = kMaxFrameBytes;
         std::size_t partBytes = kPartBytes;
         std::size_t maxSessions = 1'000;
+        std::size_t maxUserSessions = 100;  ///< the limit for a signed-in user (AC10)
         /// Memory of requests that are not answered yet: of one session, and of all together.
         std::size_t sessionRequestBytes = 64ull << 20, requestBytes = 512ull << 20;
         std::size_t recentCommitBytes = 64ull << 20;  ///< commits in memory, for resuming sessions
