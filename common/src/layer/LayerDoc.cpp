@@ -579,6 +579,16 @@ std::vector<std::string> LayerDoc::children(std::string_view path, ChildList lis
     return names;
 }
 
+std::string LayerDoc::nextSibling(std::string_view path) const {
+    const auto elements = specpath::parse(path);
+    if (!elements || elements->empty()) return {};
+    const Node* parent = walk(*root_, Elements(*elements).first(elements->size() - 1));
+    const ChildEntry* entry = parent ? childOf(*parent, elements->back()) : nullptr;
+    if (!entry) return {};
+    const ChildEntry* next = parent->children(elements->back().list).next(entry->order);
+    return next ? next->name : std::string();
+}
+
 std::size_t LayerDoc::specCount() const { return specCount_; }
 
 std::vector<NodeId> LayerDoc::idsAlong(std::string_view path) const {
@@ -607,6 +617,17 @@ void LayerDoc::visit(std::string_view path,
     const Node* parent = walk(*root_, Elements(*elements).first(elements->size() - 1));
     const ChildEntry* entry = parent ? childOf(*parent, elements->back()) : nullptr;
     if (entry) visitAll(Walker(*entry->node, path, parent->id, entry->order, entry->name), visitor);
+}
+
+SpecTree::SpecTree(const LayerDoc& doc, std::string path) : path_(std::move(path)) {
+    const Ref<Node>* node = &doc.root_;
+    const auto elements = specpath::parse(path_);
+    for (const PathElement& element : *elements) node = &childOf(**node, element)->node;
+    top_.root_ = *node;
+}
+
+void SpecTree::visit(const std::function<void(const LayerDoc::SpecView&)>& visitor) const {
+    visitAll(Walker(*top_.root_, path_, 0, 0, {}), visitor);
 }
 
 struct LayerDoc::Walk::State {

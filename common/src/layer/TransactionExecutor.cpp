@@ -501,7 +501,8 @@ Result<Executed> executeInOrder(LayerDocs& layers, NamespaceLog& log, std::vecto
     return executed;
 }
 
-Result<void> applyCommit(LayerDocs& layers, NamespaceLog& log, const Commit& commit) {
+Result<void> applyCommit(LayerDocs& layers, NamespaceLog& log, const Commit& commit,
+                         AppliedEdits* observer) {
     Result<void> result;
     std::unordered_set<LayerId> diverged;
     auto layer = layers.end();
@@ -510,8 +511,10 @@ Result<void> applyCommit(LayerDocs& layers, NamespaceLog& log, const Commit& com
         if (!found || *found != edit.layer) layer = layers.find(*(found = &edit.layer));
         if (layer == layers.end()) continue;
         if (!diverged.empty() && diverged.contains(edit.layer)) continue;
+        if (observer) observer->before(layer->second, edit);
         const auto applied = layer->second.apply(edit.address.path, edit.action);
         if (applied) {
+            if (observer) observer->after(layer->second, edit);
             record(log, commit.revision, commit.id.client, edit, *applied);
             continue;
         }

@@ -64,6 +64,9 @@ public:
     [[nodiscard]] const FieldValue* field(std::string_view path, std::string_view name) const;
     [[nodiscard]] std::vector<std::string> fieldNames(std::string_view path) const;
     [[nodiscard]] std::vector<std::string> children(std::string_view path, ChildList list) const;
+    /// Returns the name of the spec that follows in the same list; empty for the last, for the
+    /// pseudo-root, and if there is no spec at `path`.
+    [[nodiscard]] std::string nextSibling(std::string_view path) const;
     [[nodiscard]] std::size_t specCount() const;  ///< includes the pseudo-root; O(1)
 
     /// Returns the node ids from the pseudo-root to the deepest existing spec on `path`.
@@ -130,6 +133,7 @@ public:
 
 private:
     friend class LayerDocDiff;
+    friend class SpecTree;
     class Editor;
 
     Ref<Node> root_;  // null only in a moved-from doc, which may be assigned or destroyed
@@ -138,6 +142,23 @@ private:
     // Upper bounds for the paths of this doc, so that most moves need no measurement.
     std::uint32_t maxPathBytes_ = 1;
     std::uint32_t maxPathElements_ = 0;
+};
+
+/// A spec of a doc and everything below it, as they were when this object was made. Shares
+/// structure with the doc. A value.
+class SpecTree {
+public:
+    SpecTree() = default;
+    /// Precondition: the doc has a spec at `path`.
+    SpecTree(const LayerDoc& doc, std::string path);
+
+    [[nodiscard]] const std::string& path() const { return path_; }
+    /// Visits as LayerDoc::visit() does, with the paths of then.
+    void visit(const std::function<void(const LayerDoc::SpecView&)>& visitor) const;
+
+private:
+    LayerDoc top_;  // its root is the spec
+    std::string path_;
 };
 
 /// Calls `visit` for every reference of the layer to a blob (V9).

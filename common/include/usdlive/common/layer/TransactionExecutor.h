@@ -239,10 +239,19 @@ void recordMove(NamespaceLog& log, Revision revision, const ClientId& author, co
 [[nodiscard]] Result<Executed> executeInOrder(LayerDocs& layers, NamespaceLog& log,
                                               std::vector<Edit> edits, Revision revision);
 
+/// Sees each edit of a commit before and after it is applied to its layer.
+class AppliedEdits {
+public:
+    virtual ~AppliedEdits() = default;
+    virtual void before(const LayerDoc& doc, const Edit& edit) = 0;
+    virtual void after(const LayerDoc& doc, const Edit& edit) = 0;
+};
+
 /// Applies a commit of the server to the confirmed layers and records its moves and deletes.
 /// Ignores layers that are not in `layers`. An error means that the replica has diverged: join the
-/// layer that it names again. All other layers have received their edits.
-Result<void> applyCommit(LayerDocs& layers, NamespaceLog& log, const Commit& commit);
+/// layer that it names again. All other layers have received their edits. `observer` may be null.
+Result<void> applyCommit(LayerDocs& layers, NamespaceLog& log, const Commit& commit,
+                         AppliedEdits* observer = nullptr);
 
 /// Calls `visit` for each edit of a commit that is the newest in `log`, with its index in the
 /// transaction and the mark of the log after it. The log lacks the moves in unknown layers.
