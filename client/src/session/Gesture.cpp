@@ -75,17 +75,18 @@ bool setSameRegister(const EditAction& earlier, const EditAction& later) {
            relate(first->part, second->part) == Relation::Same;
 }
 
-bool Gesture::add(Edit edit, AuthoredEdit authored) {
+std::size_t Gesture::add(Edit edit, AuthoredEdit authored) {
     changed = unreported = true;
     auto& edits = pending.transaction.edits;
     if (Edit* earlier = replaced(edits, edit)) {
-        pending.authored[std::size_t(earlier - edits.data())] = std::move(authored);
+        const auto index = std::size_t(earlier - edits.data());
+        pending.authored[index] = std::move(authored);
         *earlier = std::move(edit);
-        return true;
+        return index;
     }
     edits.push_back(std::move(edit));
     pending.authored.push_back(std::move(authored));
-    return false;
+    return edits.size() - 1;
 }
 
 AuthoredEdit Gesture::remove(std::uint32_t index) {

@@ -42,8 +42,8 @@ struct Gesture {
     /// Previews with more bytes of big values are not sent, either.
     static constexpr std::size_t kMaxPreviewValueBytes = 64 * 1024 * 1024;
 
-    /// Adds an edit. Returns true if it replaced an earlier write of the same register instead.
-    bool add(Edit edit, AuthoredEdit authored);
+    /// Adds an edit, or replaces an earlier write of the same register. Returns its number.
+    std::size_t add(Edit edit, AuthoredEdit authored);
     /// Removes an edit. Edits of a spec that it created will be dropped.
     AuthoredEdit remove(std::uint32_t index);
     [[nodiscard]] bool due(std::int64_t nowMs) const {

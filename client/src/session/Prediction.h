@@ -77,6 +77,12 @@ public:
 
     /// nullptr: no such layer.
     [[nodiscard]] const LayerDoc* find(const LayerId& layer) const;
+    /// Returns the path in the view of a spec that had this path in the confirmed layers before
+    /// entry `mark` of their NamespaceLog, or had it in the view; nothing if it was deleted since.
+    [[nodiscard]] std::optional<std::string> pathInView(const LayerId& layer, std::string path,
+                                                        std::uint64_t mark) const {
+        return names_.translateFrom(layer, std::move(path), mark);
+    }
     /// Number of own fields that it has noted: a measure of the time that destroying it takes.
     [[nodiscard]] std::size_t fieldsNoted() const;
     /// Returns whether the layer has a doc here.

@@ -41,6 +41,7 @@ void Session::Impl::openLayer(const LayerId& layer) {
 void Session::Impl::closeLayer(const LayerId& layer) {
     opened_.close(layer);
     resets_.erase(layer);
+    undo_.forget(layer);
 }
 
 bool Session::Impl::isJoined(const LayerId& layer) const {
@@ -67,6 +68,7 @@ std::set<Hash> Session::Impl::namedBlobs() const {
     for (const Pending& pending : pending_) add(pending);
     missed_.forEach(add);
     if (gesture_) add(gesture_->pending);
+    undo_.forEachPendingBlob([&](const Value& blob) { named.insert(blob.hash()); });
     return named;
 }
 
@@ -108,6 +110,12 @@ void Session::setNextSequence(std::uint64_t sequence) { impl_->pending_.setNextS
 void Session::beginGesture() { impl_->beginGesture(); }
 void Session::endGesture() { impl_->endGesture(); }
 bool Session::inGesture() const { return impl_->gesture_.has_value(); }
+
+void Session::beginUndoGroup(const std::string& label) { impl_->undo_.begin(label); }
+void Session::endUndoGroup() { impl_->undo_.end(); }
+Result<UndoResult> Session::undo() { return impl_->takeBack(UndoStack::Direction::Undo); }
+Result<UndoResult> Session::redo() { return impl_->takeBack(UndoStack::Direction::Redo); }
+UndoLabels Session::undoLabels() const { return impl_->undo_.labels(); }
 
 bool Session::advance(double budgetMs, std::int64_t nowMs) {
     return impl_->advance(budgetMs, nowMs);

@@ -14,6 +14,7 @@
 
 #include "session/MessageReader.h"
 #include "usdlive/client/session/Events.h"
+#include "usdlive/client/session/Undo.h"
 #include "usdlive/common/core/Bytes.h"
 #include "usdlive/common/layer/LayerDoc.h"
 #include "usdlive/common/protocol/Control.h"
@@ -190,6 +191,19 @@ public:
     void beginGesture();
     void endGesture();
     [[nodiscard]] bool inGesture() const;
+
+    // Undo of own work.
+    /// What is authored until endUndoGroup() is one step of the undo. Calls nest: the outermost two
+    /// count. `label`: for users.
+    void beginUndoGroup(const std::string& label);
+    void endUndoGroup();
+    /// Takes the newest step of own work back, as an own transaction against the present. The
+    /// LayerView gets its edits. Keeps and returns what others have written since. Errors:
+    /// InvalidArgument (a gesture or group is open), NotConnected (too many transactions wait).
+    Result<UndoResult> undo();
+    /// Takes the newest undo back in the same way.
+    Result<UndoResult> redo();
+    [[nodiscard]] UndoLabels undoLabels() const;
 
     /// Processes what was received and sends what was authored. Returns false if `budgetMs` ended
     /// first: call it again next frame. `nowMs`: any steady clock. With many pending transactions,

@@ -24,24 +24,20 @@ void applyTo(std::vector<AuthoredEdit>& failed, const AuthoredEdit& edit) {
 
 void Session::Impl::author(std::vector<AuthoredEdit> edits) {
     if (edits.empty() || writeAgain(edits)) return;
-    const std::size_t most = options_.maxUnsentTransactions;
-    if (!gesture_ && pending_.unsent() >= most) {
+    if (auto error = gesture_ ? std::nullopt : tooManyUnsent()) {
         Repairs repairs;
         for (const AuthoredEdit& edit : edits) repairs.resets.insert(edit.layer);
-        events_.push(event::Lost{
-            {.sequence = 0,
-             .gesture = 0,
-             .reason = {ErrorCode::NotConnected,
-                        "no more than " + std::to_string(most) +
-                            " transactions are kept until they can be sent. Connect again before "
-                            "you go on"},
-             .refused = true,
-             .edits = std::move(edits)}});
+        events_.push(event::Lost{{.sequence = 0,
+                                  .gesture = 0,
+                                  .reason = *std::move(error),
+                                  .refused = true,
+                                  .edits = std::move(edits)}});
         return repair(repairs);
     }
 
     LostWork lost;
     Repairs repairs;
+    undo_.begin({});
     if (gesture_) {
         lost.sequence = gesture_->pending.transaction.id.sequence;
         lost.gesture = gesture_->pending.transaction.gesture;
@@ -58,6 +54,7 @@ void Session::Impl::author(std::vector<AuthoredEdit> edits) {
         if (!pending.authored.empty()) pending_.add(std::move(pending));
         repair(repairs);
     }
+    undo_.end();
     // The executor decides about the fields of such a spec (M13).
     if (std::exchange(createdExisting_, false) && !frozen_) {
         restartPrediction();
@@ -65,6 +62,15 @@ void Session::Impl::author(std::vector<AuthoredEdit> edits) {
     }
     checkPrediction();
     if (!lost.edits.empty()) events_.push(event::Lost{std::move(lost)});
+}
+
+std::optional<Error> Session::Impl::tooManyUnsent() const {
+    const std::size_t most = options_.maxUnsentTransactions;
+    if (pending_.unsent() < most) return std::nullopt;
+    return Error{ErrorCode::NotConnected,
+                 "no more than " + std::to_string(most) +
+                     " transactions are kept until they can be sent. Connect again before you go "
+                     "on"};
 }
 
 // SE15: new values replace those of an unsent transaction that sets the same registers. So a client
@@ -90,8 +96,10 @@ bool Session::Impl::writeAgain(std::vector<AuthoredEdit>& edits) {
     LostWork lost;
     lost.sequence = transaction.id.sequence;
     Repairs repairs;
+    undo_.begin({});
     for (std::size_t index = 0; index < edits.size(); ++index) {
         Prognosis unchanged;
+        Inverse inverse = inverseOf(edits[index]);
         const auto addressed = prediction_.author(edits[index], number(index), unchanged);
         if (!addressed) {
             if (lost.edits.empty()) lost.reason = addressed.error();
@@ -99,11 +107,13 @@ bool Session::Impl::writeAgain(std::vector<AuthoredEdit>& edits) {
             lost.edits.push_back(std::move(edits[index]));
             continue;
         }
+        noteForUndo(transaction.id.sequence, index, edits[index], std::move(inverse));
         transaction.edits[index].action = edits[index].action;
         transaction.edits[index].names = std::move(names[index]);
         pending->authored[index] = std::move(edits[index]);
         ++writtenAgain_;
     }
+    undo_.end();
     pending->blobs.clear();
     for (const AuthoredEdit& edit : pending->authored) collectBlobs(edit.action, pending->blobs);
     reportPending(*pending);
@@ -125,6 +135,7 @@ Pending Session::Impl::newPending() {
 void Session::Impl::authorInto(Pending& pending, std::vector<AuthoredEdit> edits, LostWork& lost,
                                Repairs& repairs) {
     for (AuthoredEdit& edit : edits) {
+        Inverse inverse = inverseOf(edit);
         Result<Edit> addressed = predictEdit(pending, edit);
         // Nothing is lost if nothing is at this place.
         if (!addressed && concernsPlace(edit.action)) continue;
@@ -134,19 +145,41 @@ void Session::Impl::authorInto(Pending& pending, std::vector<AuthoredEdit> edits
             lost.edits.push_back(std::move(edit));
             continue;
         }
-        if (concernsPlace(edit.action) || std::holds_alternative<DeleteSpec>(edit.action))
-            noteSeen(pending.transaction, edit.layer);
-        if (!gesture_) collectBlobs(edit.action, pending.blobs);
         applyTo(repairs.fields, edit);
-        if (frozen_) pending.carried.push_back(edit);
-        if (gesture_ && !frozen_) {
-            if (gesture_->add(std::move(*addressed), std::move(edit)))
-                pending.prognosis.touched.pop_back();
-        } else {
-            pending.transaction.edits.push_back(std::move(*addressed));
-            pending.authored.push_back(std::move(edit));
-        }
+        accept(pending, *std::move(addressed), std::move(edit), std::move(inverse));
     }
+}
+
+// Adds an edit to the transaction, which the view shows now.
+void Session::Impl::accept(Pending& pending, Edit addressed, AuthoredEdit edit, Inverse inverse) {
+    if (concernsPlace(edit.action) || std::holds_alternative<DeleteSpec>(edit.action))
+        noteSeen(pending.transaction, edit.layer);
+    if (!gesture_) collectBlobs(edit.action, pending.blobs);
+    if (frozen_) pending.carried.push_back(edit);
+    std::size_t index = pending.transaction.edits.size();
+    const AuthoredEdit noted = edit;
+    if (gesture_ && !frozen_) {
+        const std::size_t added = gesture_->add(std::move(addressed), std::move(edit));
+        if (added != index) pending.prognosis.touched.pop_back();
+        index = added;
+    } else {
+        pending.transaction.edits.push_back(std::move(addressed));
+        pending.authored.push_back(std::move(edit));
+    }
+    noteForUndo(pending.transaction.id.sequence, index, noted, std::move(inverse));
+}
+
+// Edits that the editor makes while its layers are joined again cannot be undone: nobody knows what
+// others have written meanwhile.
+Inverse Session::Impl::inverseOf(const AuthoredEdit& edit) const {
+    const LayerDoc* doc = frozen_ ? nullptr : view(edit.layer);
+    return doc ? inverseBefore(*doc, edit.path, edit.action) : Inverse();
+}
+
+void Session::Impl::noteForUndo(std::uint64_t sequence, std::size_t index, const AuthoredEdit& edit,
+                                Inverse inverse) {
+    if (const LayerDoc* doc = frozen_ ? nullptr : view(edit.layer))
+        undo_.add(sequence, std::uint32_t(index), edit, std::move(inverse), *doc, revision_);
 }
 
 // M16, M17: the author of an edit of a place, or of a delete, had seen the view. While it is being
@@ -204,6 +237,7 @@ void Session::Impl::repair(const Repairs& repairs) {
 
 void Session::Impl::beginGesture() {
     if (gesture_) return;
+    undo_.begin({});
     gesture_.emplace().pending = newPending();
     gesture_->pending.transaction.gesture = gesture_->pending.transaction.id.sequence;
 }
@@ -212,6 +246,7 @@ void Session::Impl::endGesture() {
     if (!gesture_) return;
     Gesture ended = std::move(*gesture_);
     gesture_.reset();
+    undo_.end();
     // Only its last values have to be stored.
     for (const Edit& edit : ended.pending.transaction.edits)
         collectBlobs(edit.action, ended.pending.blobs);
@@ -221,6 +256,46 @@ void Session::Impl::endGesture() {
     }
     host_.answered(ended.pending.transaction.id.sequence);
     if (ended.isKnown()) ownPreviews_.withdraw(ended.pending.transaction.gesture, revision_);
+}
+
+// ---- undo
+
+// Completes the view, whatever that takes: the inverse is that against the present.
+void Session::Impl::finishRebuild() {
+    constexpr double kNoBound = 1e12;
+    deadline_.set(kNoBound);
+    while (dirty_ && !frozen_) rebuild();
+}
+
+// The edits are own ones, which the editor does not show yet.
+Result<UndoResult> Session::Impl::takeBack(UndoStack::Direction direction) {
+    if (gesture_ || undo_.isOpen())
+        return fail(ErrorCode::InvalidArgument, std::string("a ") +
+                                                    (gesture_ ? "gesture" : "group of edits") +
+                                                    " is open: end it before you undo or redo");
+    if (auto error = tooManyUnsent()) return tl::unexpected(*std::move(error));
+    finishRebuild();
+    followUndo();
+    if (!undo_.hasStep(direction)) return UndoResult{};
+    Pending pending = newPending();
+    const auto author = [&](AuthoredEdit edit) -> Result<void> {
+        Inverse inverse = inverseOf(edit);
+        Result<Edit> addressed = predictEdit(pending, edit);
+        if (!addressed && concernsPlace(edit.action)) return {};
+        if (!addressed) return tl::unexpected(std::move(addressed.error()));
+        editor_.apply(edit.layer, edit.path, edit.action);
+        accept(pending, *std::move(addressed), std::move(edit), std::move(inverse));
+        return {};
+    };
+    const auto docOf = [this](const LayerId& layer) { return view(layer); };
+    UndoResult result = undo_.takeBack(direction, docOf, author);
+    if (!pending.authored.empty()) pending_.add(std::move(pending));
+    if (std::exchange(createdExisting_, false)) {
+        restartPrediction();
+        rebuild();
+    }
+    checkPrediction();
+    return result;
 }
 
 }  // namespace usdlive::client

@@ -40,6 +40,36 @@ bool asPredicted(const Pending& own, const Commit& commit) {
 
 }  // namespace
 
+// Makes the inverses of the edits of an own commit while it is applied.
+class Session::Impl::OwnCommit final : public AppliedEdits {
+public:
+    explicit OwnCommit(const Commit& commit) : first_(commit.edits.data()) {
+        SubmittedIndexes indexes(commit.dropped);
+        for (std::size_t edit = 0; edit < commit.edits.size(); ++edit)
+            numbers_.push_back(indexes.next());
+    }
+    void before(const LayerDoc& doc, const Edit& edit) override {
+        const auto number = numbers_[std::size_t(&edit - first_)];
+        executed_.push_back({number, &edit, inverseBefore(doc, edit.address.path, edit.action), 0});
+    }
+    void after(const LayerDoc& doc, const Edit& edit) override {
+        completeInverse(executed_.back().inverse, doc, edit.address.path);
+    }
+    [[nodiscard]] std::vector<UndoStack::Executed> take(const NamespaceLog& log,
+                                                        const Commit& commit) {
+        auto one = executed_.begin();
+        forEachExecuted(log, commit, [&](const Edit& edit, std::uint32_t, std::uint64_t mark) {
+            if (one != executed_.end() && one->edit == &edit) (one++)->mark = mark;
+        });
+        return std::move(executed_);
+    }
+
+private:
+    const Edit* first_;
+    std::vector<std::uint32_t> numbers_;
+    std::vector<UndoStack::Executed> executed_;
+};
+
 void Session::Impl::apply(const Commit& commit) {
     revision_ = commit.revision;
     const bool mine = commit.id.client == options_.client;
@@ -48,7 +78,9 @@ void Session::Impl::apply(const Commit& commit) {
     if (commit.gesture != 0) previews_.committed(commit.id.client, commit.gesture);
     if (!mine && commit.firstUnseen != 0) committed_.follow(log_, commit.firstUnseen);
     Prediction* current = frozen_ ? nullptr : follow(commit, own);
-    const auto applied = applyCommit(confirmed_, log_, commit);
+    std::optional<OwnCommit> noted;
+    if (own && undo_.tracks(commit.id.sequence)) noted.emplace(commit);
+    const auto applied = applyCommit(confirmed_, log_, commit, noted ? &*noted : nullptr);
     opened_.received(commit);
     if (!applied) {
         events_.report({applied.error().code,
@@ -57,6 +89,8 @@ void Session::Impl::apply(const Commit& commit) {
         opened_.joinAll();
         return;
     }
+    if (!mine) undo_.othersCommitted(log_, commit);
+    if (noted) undo_.committed(commit.id.sequence, commit.revision, noted->take(log_, commit));
     if (!mine)
         editor_.othersCommitted(commit);
     else if (own)
@@ -123,7 +157,7 @@ void Session::Impl::applyToEditor(const Commit& commit, bool own, Prediction* cu
         const bool applies = current && !own && current->effect(edit, pending) == Effect::Applies;
         if (applies) current->apply(edit);
         if (predicted && (dirty_ || !applies)) continue;
-        if (shown) editor_.apply(edit.layer, edit.address.path, edit.action);
+        if (shown) show(edit.layer, edit.address.path, edit.action);
     }
 }
 
@@ -159,6 +193,7 @@ void Session::Impl::acknowledge(const Commit& commit, Prediction* current) {
 
 void Session::Impl::lose(Pending pending, Error reason) {
     host_.answered(pending.transaction.id.sequence);
+    undo_.lost(pending.transaction.id.sequence);
     ownPreviews_.withdraw(pending.transaction.gesture, revision_);
     events_.push(event::Lost{{.sequence = pending.transaction.id.sequence,
                               .gesture = pending.transaction.gesture,
@@ -187,6 +222,7 @@ void Session::Impl::prune() {
     Revision oldest = prediction_.oldest(pending_.oldestNeeded(kept));
     if (rebuild_) oldest = rebuild_->next.oldest(oldest);
     if (gesture_) oldest = std::min(oldest, neededSince(gesture_->pending.transaction));
+    oldest = undo_.oldestNeeded(oldest);
     if (oldest <= log_.oldest()) return;
     committed_.follow(log_);
     log_.prune(oldest);

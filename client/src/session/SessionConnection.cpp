@@ -130,6 +130,7 @@ bool Session::Impl::advance(double budgetMs, std::int64_t nowMs) {
     completeJoins();
     peeks_.complete();
     updateView();
+    followUndo();
     sendAll();
     reportGesture();
     checkPrediction();
@@ -325,6 +326,7 @@ void Session::Impl::on(const AlreadyCommitted& message) {
     auto pending = pending_.take(message.sequence);
     if (!pending) return;
     submissions_.answered();
+    undo_.lost(message.sequence);
     restartPrediction();
     missed_.add(message.revision, *std::move(pending));
 }

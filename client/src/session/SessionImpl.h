@@ -24,6 +24,7 @@
 #include "session/People.h"
 #include "session/Prediction.h"
 #include "session/Requests.h"
+#include "session/UndoStack.h"
 
 namespace usdlive::client {
 
@@ -52,6 +53,7 @@ public:
     void author(std::vector<AuthoredEdit> edits);
     void beginGesture();
     void endGesture();
+    Result<UndoResult> takeBack(UndoStack::Direction direction);
 
     bool advance(double budgetMs, std::int64_t nowMs);
 
@@ -78,6 +80,7 @@ public:
     MissedWork missed_{channel_, requests_, events_};
     PendingTransactions pending_;
     std::optional<Gesture> gesture_;
+    UndoStack undo_;
 
 private:
     // The view while the layers are joined again in another history.
@@ -151,6 +154,8 @@ private:
     Prediction* follow(const Commit& commit, const Pending* own);
     void acknowledge(const Commit& commit, Prediction* current);
     [[nodiscard]] bool isPending(std::uint64_t sequence) const;
+    class OwnCommit;
+    void followUndo();
     void completeJoins();
     void prune();
     void lose(Pending pending, Error reason);
@@ -182,6 +187,13 @@ private:
     void authorInto(Pending& pending, std::vector<AuthoredEdit> edits, LostWork& lost,
                     Repairs& repairs);
     Result<Edit> predictEdit(Pending& pending, const AuthoredEdit& edit);
+    void accept(Pending& pending, Edit addressed, AuthoredEdit edit, Inverse inverse);
+    [[nodiscard]] std::optional<Error> tooManyUnsent() const;
+    [[nodiscard]] Inverse inverseOf(const AuthoredEdit& edit) const;
+    void noteForUndo(std::uint64_t sequence, std::size_t index, const AuthoredEdit& edit,
+                     Inverse inverse);
+    void finishRebuild();
+    void show(const LayerId& layer, const std::string& path, const EditAction& action);
     void noteSeen(Transaction& transaction, const LayerId& layer) const;
     void noteRepair(const AuthoredEdit& edit, Repairs& repairs) const;
     void repair(const Repairs& repairs);

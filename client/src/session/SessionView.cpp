@@ -84,6 +84,7 @@ void Session::Impl::predictGesture(Prediction& prediction) {
                       .refused = false,
                       .edits = {}};
         work.edits.push_back(gesture_->remove(refused->edit));
+        undo_.removed(pending.transaction.id.sequence, refused->edit);
         events_.push(event::Lost{std::move(work)});
     }
     run();
@@ -140,9 +141,21 @@ void Session::Impl::showDifference(const LayerDocs& before) {
         if (!now || !isJoined(layer) || resets_.contains(layer)) continue;
         const auto old = before.find(layer);
         const LayerDoc& shown = old == before.end() ? confirmed_.at(layer) : old->second;
-        for (const auto& [path, action] : difference(shown, *now))
-            editor_.apply(layer, path, action);
+        for (const auto& [path, action] : difference(shown, *now)) show(layer, path, action);
     }
+}
+
+void Session::Impl::show(const LayerId& layer, const std::string& path, const EditAction& action) {
+    undo_.shown(layer, path, action);
+    editor_.apply(layer, path, action);
+}
+
+// The undo follows commits when the view shows them.
+void Session::Impl::followUndo() {
+    if (dirty_ || frozen_) return;
+    undo_.follow([this](const LayerId& layer, const std::string& path, std::uint64_t mark) {
+        return prediction_.pathInView(layer, path, mark);
+    });
 }
 
 void Session::Impl::flushResets() {
@@ -180,6 +193,7 @@ void Session::Impl::reportAbandoned() {
 // been joined again. Own work is carried over by its paths in the view.
 void Session::Impl::freeze() {
     if (!frozen_) carryOver();
+    undo_.clear();
     submissions_.restart();
     // Also those that are being joined: the commits that follow their content are unknown.
     opened_.restartAll();
