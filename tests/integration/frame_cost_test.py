@@ -139,6 +139,7 @@ KINDS = {
     "prims with other parents": batch(lambda parent, i: Sdf.NamespaceEdit.Reparent(f"/Q/a{i}", f"/Q/to{i}", -1)),
 }
 ON_STAGE = {kind for kind in KINDS if kind.endswith("on a stage") or "no longer" in kind}
+SLOW_BACK: set = set()  # Sdf itself takes longer than its share
 PARENTS = {"one parent": lambda count: ["/P"] * count, "many parents": lambda count: [f"/P{i}" for i in range(count)]}
 
 
@@ -243,6 +244,13 @@ class Editors:
             self.line.up.set()
             took[kind, "author, then"] = longest(ada, lambda: ada.connected and ada.pending == 0)
             took[kind, "follower"] = longest(bo, lambda: bo.revision >= ada.revision)
+            if kind not in SLOW_BACK:
+                for call, name_of in ((ada.undo, "undo"), (ada.redo, "redo")):
+                    start = time.thread_time()
+                    assert not call().kept
+                    took[kind, name_of] = time.thread_time() - start
+                longest(ada, lambda: ada.pending == 0)
+                longest(bo, lambda: bo.revision >= ada.revision)
         cy.request_open_layer(name)
         took["all", "joining"] = longest(cy, lambda: cy.opened_layer(name) is not None)
         assert cy.opened_layer(name).ExportToString() == other.ExportToString() == layer.ExportToString()
@@ -269,3 +277,24 @@ def test_the_longest_tick_grows_in_proportion(offline, where, project, serve):
             if not slow:
                 break
     assert slow == {}
+
+
+def test_the_undo_of_one_edit_takes_as_long_in_a_large_layer(project, serve):
+    """An undo looks at what it takes back, and not at the layer."""
+    least = {}
+    for count in (FEW, 16 * N):
+        (project / f"{count}.usda").write_text(
+            '#usda 1.0\ndef "P" {\n' + "\n".join(f'def "a{i}" {{ double v = 1; }}' for i in range(count)) + "\n}")
+    with usdlive.connect(serve(project).url, user="ada") as ada:
+        for count in (FEW, 16 * N):
+            layer, took = ada.open_layer(f"{count}.usda"), []
+            for i in range(10):
+                layer.GetAttributeAtPath(f"/P/a{i}.v").default = 2
+                Sdf.PrimSpec(layer.GetPrimAtPath("/P"), f"new{i}", Sdf.SpecifierDef)
+                assert ada.flush()
+                start = time.thread_time()
+                assert ada.undo() and ada.redo() and ada.undo()
+                took.append(time.thread_time() - start)
+                assert layer.GetAttributeAtPath(f"/P/a{i}.v").default == 1 and ada.flush()
+            least[count] = min(took)
+    assert least[16 * N] < 4 * least[FEW] + SHORT, least

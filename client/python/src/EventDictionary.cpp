@@ -281,6 +281,25 @@ nb::dict toDictionary(const client::OtherHistory& other) {
     return d;
 }
 
+nb::dict toDictionary(const client::UndoResult& result) {
+    nb::list kept;
+    for (const client::KeptByUndo& one : result.kept) {
+        nb::dict d;
+        d["layer"] = text(one.layer.value);
+        d["path"] = text(one.path);
+        d["field"] = one.field.empty() ? nb::object(nb::none()) : nb::object(text(one.field));
+        d["part"] = part(one.part);
+        d["author"] = text(one.author.value);
+        d["reason"] = text(one.reason);
+        kept.append(d);
+    }
+    nb::dict d;
+    d["done"] = result.done;
+    d["label"] = text(result.label);
+    d["kept"] = kept;
+    return d;
+}
+
 nb::dict toDictionary(const LayerState& state) {
     nb::dict d;
     putFields(d, state);

@@ -4,6 +4,7 @@
 #include <nanobind/nanobind.h>
 
 #include "usdlive/client/session/Events.h"
+#include "usdlive/client/session/Undo.h"
 
 namespace usdlive {
 
@@ -14,6 +15,7 @@ namespace usdlive {
 [[nodiscard]] nanobind::dict toDictionary(const client::Event& event);
 [[nodiscard]] nanobind::dict toDictionary(const client::UnsentWork& work);
 [[nodiscard]] nanobind::dict toDictionary(const client::OtherHistory& other);
+[[nodiscard]] nanobind::dict toDictionary(const client::UndoResult& result);
 nanobind::dict toDictionary(const LayerState& state);
 [[nodiscard]] nanobind::dict toDictionary(const Presence& presence);
 

@@ -178,6 +178,27 @@ public:
         work("end_gesture", false, [](Client& live) { live.endGesture(); });
     }
 
+    /// Return (result, events).
+    nb::tuple undo() {
+        const auto result = orRaise(work("undo", true, [](Client& live) { return live.undo(); }));
+        return nb::make_tuple(toDictionary(result), takeEvents());
+    }
+    nb::tuple redo() {
+        const auto result = orRaise(work("redo", true, [](Client& live) { return live.redo(); }));
+        return nb::make_tuple(toDictionary(result), takeEvents());
+    }
+    /// Returns the labels of (undo, redo).
+    nb::tuple undoStack() {
+        const auto labels = client("undo_stack").undoStack();
+        return nb::make_tuple(labels.undo, labels.redo);
+    }
+    void beginUndoGroup(const std::string& label) {
+        work("begin_undo_group", false, [&](Client& live) { live.beginUndoGroup(label); });
+    }
+    void endUndoGroup() {
+        work("end_undo_group", false, [](Client& live) { live.endUndoGroup(); });
+    }
+
     // Return the number of the request, which its result event contains.
     std::uint64_t save(const std::vector<std::string>& names, bool force) {
         const auto layers = layerIds(names);
@@ -429,6 +450,11 @@ NB_MODULE(_usdlive, module) {
         .def("globally_muted", &PythonClient::globallyMuted)
         .def("begin_gesture", &PythonClient::beginGesture)
         .def("end_gesture", &PythonClient::endGesture)
+        .def("undo", &PythonClient::undo)
+        .def("redo", &PythonClient::redo)
+        .def("undo_stack", &PythonClient::undoStack)
+        .def("begin_undo_group", &PythonClient::beginUndoGroup, nb::arg("label"))
+        .def("end_undo_group", &PythonClient::endUndoGroup)
         .def("set_locked", &PythonClient::setLocked)
         .def("layer_states", &PythonClient::layerStates)
         .def("may_edit", &PythonClient::mayEdit)

@@ -37,8 +37,9 @@ from ._error_code import ErrorCode  # noqa: E402
 from ._errors import Error  # noqa: E402
 from ._live import Live, UnsentWork, connect, connect_async  # noqa: E402
 from ._namespace import NamespaceEditor  # noqa: E402
+from ._undo import UndoKept, UndoResult, UndoStack  # noqa: E402
 
 plugins.register()
 
-__all__ = ["__version__", "Error", "ErrorCode", "Live", "NamespaceEditor", "UnsentWork", "connect",
-           "connect_async", "events", "plugins"]
+__all__ = ["__version__", "Error", "ErrorCode", "Live", "NamespaceEditor", "UndoKept",
+           "UndoResult", "UndoStack", "UnsentWork", "connect", "connect_async", "events", "plugins"]

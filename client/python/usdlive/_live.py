@@ -18,6 +18,7 @@ from pxr import Sdf, Usd
 from . import _usdlive, events
 from ._errors import Error
 from ._foreign_files import ForeignFiles
+from ._undo import UndoKept, UndoResult, UndoStack
 
 
 def connect(url: str, *, user: str = "", application: str = "python", cache_folder: str = "",
@@ -372,6 +373,37 @@ class Live:
             yield
         finally:
             self.end_gesture()
+
+    def undo(self) -> UndoResult:
+        """Takes back the newest step of one's own work: the edits of one `tick()`, of a gesture or of a group, in all live
+        layers. Edits since the last tick are a step of their own. The stage shows the result at once. What others have
+        written since stays, and is in the result's `kept`. The result is false if there is no step. Raises an Error while
+        a gesture or a group is open."""
+        return self._taken_back(*self._client.undo())
+
+    def redo(self) -> UndoResult:
+        """Takes back the newest undo, in the same way. Own edits in between end what can be redone."""
+        return self._taken_back(*self._client.redo())
+
+    def undo_stack(self) -> UndoStack:
+        """Returns the labels of the steps that can be undone and redone."""
+        undo, redo = self._client.undo_stack()
+        return UndoStack(tuple(undo), tuple(redo))
+
+    @contextlib.contextmanager
+    def undo_group(self, label: str) -> typing.Iterator[None]:
+        """The edits within are one step of the undo, over any number of ticks: `with live.undo_group("Move chairs"): ...`
+        Groups nest: the outermost one counts."""
+        self._client.begin_undo_group(label)
+        try:
+            yield
+        finally:
+            self._client.end_undo_group()
+
+    def _taken_back(self, result: dict, happened: list[dict]) -> UndoResult:
+        self._notify(happened)
+        kept = tuple(UndoKept(**one) for one in result.pop("kept"))
+        return UndoResult(kept=kept, **result)
 
     def save(self, *layers: str, force: bool = False, timeout: float = 60.0) -> events.Saved:
         """Commits all own edits, writes these layers (default: all changed layers) to their files, and returns

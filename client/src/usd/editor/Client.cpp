@@ -164,6 +164,28 @@ void Client::withoutWaiting(const std::function<void()>& compose) {
 }
 void Client::beginGesture() { here("beginGesture").setGesture(true); }
 void Client::endGesture() { here("endGesture").setGesture(false); }
+
+Result<client::UndoResult> Client::undo() {
+    if (auto error = misuse("undo", true)) return tl::unexpected(*error);
+    return impl_->takeBack(&client::Session::undo);
+}
+Result<client::UndoResult> Client::redo() {
+    if (auto error = misuse("redo", true)) return tl::unexpected(*error);
+    return impl_->takeBack(&client::Session::redo);
+}
+client::UndoLabels Client::undoStack() const { return here("undoStack").session().undoLabels(); }
+void Client::beginUndoGroup(const std::string& label) {
+    here("beginUndoGroup").setUndoGroup(&label);
+}
+void Client::endUndoGroup() { here("endUndoGroup").setUndoGroup(nullptr); }
+Client::UndoGroup::UndoGroup(Client& client, const std::string& label) : client_(client) {
+    client_.beginUndoGroup(label);
+}
+Client::UndoGroup::~UndoGroup() {
+    // On another thread the group stays open: a destructor reports nothing.
+    if (!client_.misuse("endUndoGroup", false)) client_.endUndoGroup();
+}
+
 bool Client::flush(double timeoutMs) { return here("flush").flush(timeoutMs); }
 bool Client::isApplying() const { return here("isApplying").isApplying(); }
 

@@ -237,6 +237,16 @@ void Client::Impl::followUploads() {
     });
 }
 
+template <class Function>
+auto Client::Impl::withEdits(const Function& function) {
+    struct Ending {
+        std::optional<usd::SdfLayerStore::Block>& edits;
+        ~Ending() { edits.reset(); }
+    } const ending{edits_};
+    edits_.emplace();
+    return function();
+}
+
 // Sends the editor's writes and applies received edits. Returns false if there is more to do.
 bool Client::Impl::exchange(double budgetMs, Seal seal) {
     auto& live = layers_.live();
@@ -244,6 +254,10 @@ bool Client::Impl::exchange(double budgetMs, Seal seal) {
         frame_.seal(live, session_);
     else if (!frame_.sealWhenEncoded(live, session_))
         return false;
+    if (takesBack_) {
+        const auto undoOrRedo = std::exchange(takesBack_, nullptr);
+        withEdits([&] { takenBack_ = (session_.*undoOrRedo)(); });
+    }
     line_.receive(session_);
     const bool done = advance(budgetMs);
     if (session_.pendingTransactions() == 0) saveAgain(live, cache_, session_);
@@ -253,12 +267,23 @@ bool Client::Impl::exchange(double budgetMs, Seal seal) {
 }
 
 bool Client::Impl::advance(double budgetMs) {
-    struct Ending {
-        std::optional<usd::SdfLayerStore::Block>& edits;
-        ~Ending() { edits.reset(); }
-    } const ending{edits_};
-    edits_.emplace();
-    return session_.advance(budgetMs, steadyMs());
+    return withEdits([&] { return session_.advance(budgetMs, steadyMs()); });
+}
+
+// Within a tick, so that the layers get the edits as they get those of others.
+Result<client::UndoResult> Client::Impl::takeBack(TakeBack undoOrRedo) {
+    takesBack_ = undoOrRedo;
+    tick(0, Seal::Now);
+    return *std::exchange(takenBack_, std::nullopt);
+}
+
+// Earlier writes do not belong to a group that begins, but to one that ends.
+void Client::Impl::setUndoGroup(const std::string* label) {
+    if (!ticking_) frame_.seal(layers_.live(), session_);
+    if (label)
+        session_.beginUndoGroup(*label);
+    else
+        session_.endUndoGroup();
 }
 
 void Client::Impl::setGesture(bool begins) {

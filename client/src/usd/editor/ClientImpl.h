@@ -67,6 +67,10 @@ public:
     /// editor.
     [[nodiscard]] bool isApplying() const { return ticking_ && !events_.isDispatching(); }
     void setGesture(bool begins);
+    /// nullptr ends the group.
+    void setUndoGroup(const std::string* label);
+    using TakeBack = Result<client::UndoResult> (client::Session::*)();
+    Result<client::UndoResult> takeBack(TakeBack undoOrRedo);
     std::uint64_t save(std::vector<LayerId> layers, bool force);
 
     // Calls that wait for the server: loops around tick().
@@ -145,8 +149,12 @@ private:
     template <class Note>
     void noteWrites(const Commit& commit, const Note& note);
     bool exchange(double budgetMs, Seal seal);
-    /// Advances the session, and writes each list of children that it orders once.
+    /// Advances the session.
     bool advance(double budgetMs);
+    /// Calls a function in which the session makes edits, and writes each list of children that it
+    /// orders once.
+    template <class Function>
+    auto withEdits(const Function& function);
     void applyApart();
     void takeEvents(std::vector<client::Event> happened, TickResult& result);
     /// Returns false for events that the editor does not get, or not yet.
@@ -195,7 +203,9 @@ private:
     std::vector<client::event::Joined> joined_;  // events for layers that are not filled yet
     bool ticking_ = false;
     std::optional<usd::SdfLayerStore::Block> edits_;  // the session makes them while it advances
-    int gestures_ = 0;                                // open ones, each inside the one before
+    TakeBack takesBack_ = nullptr;  // called in the present tick, after the editor's edits
+    std::optional<Result<client::UndoResult>> takenBack_;
+    int gestures_ = 0;  // open ones, each inside the one before
 };
 
 }  // namespace usdlive

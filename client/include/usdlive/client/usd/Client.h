@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "usdlive/client/session/Events.h"
+#include "usdlive/client/session/Undo.h"
 #include "usdlive/client/usd/LoadSet.h"
 #include "usdlive/client/usd/Misuse.h"
 
@@ -201,6 +202,39 @@ public:
     /// transaction. Calls nest: the outermost two count.
     void beginGesture();
     void endGesture();
+
+    // --- undo (docs/undo.md)
+
+    /// Takes back the newest step of the user's own work: the edits of one tick, of a gesture or of
+    /// a group, in all live layers. Edits that are not ticked yet are a step of their own, the
+    /// newest. The layers show the result when this returns; it is sent like any edit, and comes
+    /// back as lost work if the server refuses it. What others have written since stays, and is
+    /// returned. `done` is false if there is no step. Errors: InvalidArgument (a gesture or a group
+    /// is open; the call comes from a notice handler within tick()), NotConnected (too many
+    /// transactions wait to be sent), those of misuse().
+    Result<client::UndoResult> undo();
+    /// Takes back the newest undo in the same way. Own edits in between end what can be redone.
+    Result<client::UndoResult> redo();
+    /// Returns the labels of the steps.
+    [[nodiscard]] client::UndoLabels undoStack() const;
+    /// Edits between the two calls are one step, over any number of ticks. Calls nest: the
+    /// outermost two count. A gesture is a group, too.
+    void beginUndoGroup(const std::string& label);
+    void endUndoGroup();
+    /// Ends a group at the end of a scope: `auto group = client.undoGroup("Move chairs");`
+    class UndoGroup {
+    public:
+        UndoGroup(const UndoGroup&) = delete;
+        UndoGroup& operator=(const UndoGroup&) = delete;
+        ~UndoGroup();
+
+    private:
+        friend class Client;
+        UndoGroup(Client& client, const std::string& label);
+        Client& client_;
+    };
+    /// Begins a group. The client outlives the returned object, which belongs to its thread.
+    [[nodiscard]] UndoGroup undoGroup(const std::string& label) { return {*this, label}; }
 
     /// Calls tick() until all edits are committed. Returns false if the time limit was reached.
     bool flush(double timeoutMs = 10'000);

@@ -672,6 +672,40 @@ TEST_F(ClientTest, AGestureIsSeenAtOnceAndCommittedOnce) {
     EXPECT_EQ(exportedText(hers), serverText(kRoot));
 }
 
+TEST_F(ClientTest, AnUndoIsInTheLayersAtOnce) {
+    const auto ada = connect("ada"), bo = connect("bo");
+    const auto hers = open(*ada, kRoot), his = open(*bo, kRoot);
+    const std::string before = exportedText(hers);
+    {
+        const auto group = ada->undoGroup("Describe");
+        hers->SetComment("one");
+        tick({ada.get(), bo.get()});
+        hers->SetDocumentation("two");
+        EXPECT_EQ(ada->undo().error().code, ErrorCode::InvalidArgument);
+    }
+    EXPECT_EQ(ada->undoStack().undo, std::vector<std::string>{"Describe"});
+    const std::string after = exportedText(hers);
+    const auto undone = ada->undo();
+    ASSERT_TRUE(undone);
+    EXPECT_TRUE(undone->done);
+    EXPECT_EQ(undone->label, "Describe");
+    EXPECT_EQ(exportedText(hers), before);
+    EXPECT_TRUE(ada->flush(1000));
+    tick({ada.get(), bo.get()});
+    EXPECT_EQ(exportedText(his), before);
+    EXPECT_TRUE(ada->redo()->done);
+    EXPECT_EQ(exportedText(hers), after);
+    EXPECT_TRUE(ada->flush(1000));
+    his->SetComment("his");
+    EXPECT_TRUE(bo->flush(1000));
+    tick({ada.get(), bo.get()});
+    const auto kept = ada->undo()->kept;
+    ASSERT_EQ(kept.size(), 1u);
+    EXPECT_EQ(kept[0].author.value, "bo");
+    EXPECT_EQ(kept[0].field, "comment");
+    EXPECT_EQ(hers->GetComment(), "his");
+}
+
 TEST_F(ClientTest, AClosedLayerIsIndependent) {
     const auto ada = connect("ada"), bo = connect("bo");
     const auto hers = open(*ada, kRoot), his = open(*bo, kRoot);
