@@ -22,6 +22,20 @@ std::size_t ofSpecs(const std::vector<client::AuthoredEdit>& edits) {
         std::ranges::count_if(edits, [](const auto& edit) { return !concernsPlace(edit.action); }));
 }
 
+std::string textOf(const AuthoredEdit& edit) {
+    const char* const kinds[] = {"create", "delete", "move", "place", "set", "erase"};
+    std::string text = std::string(kinds[edit.action.index()]) + " " + edit.path;
+    if (const auto* move = std::get_if<MoveSpec>(&edit.action))
+        text += " to " + destination(edit.path, *move);
+    if (const auto* place = std::get_if<PlaceSpec>(&edit.action))
+        text += " before " + place->before;
+    if (const auto* set = std::get_if<SetField>(&edit.action))
+        text += " " + set->field + " part " + std::to_string(set->part.index());
+    if (const auto* erase = std::get_if<EraseField>(&edit.action))
+        text += " " + erase->field + " part " + std::to_string(erase->part.index());
+    return text;
+}
+
 // Returns the lines that differ between two texts, with the lines around them.
 std::string textDifference(const std::string& left, const std::string& right) {
     const auto lines = [](const std::string& text) {
@@ -56,6 +70,7 @@ SimClient::SimClient(std::size_t number, const SimStyle& style, SimClock& clock,
       random_(random),
       network_(network),
       server_(server),
+      undos_(number * 7'919 + style.undoPercent),
       script_(random, lastValue_, style.namespacePercent > 0),
       namespace_(random, lastValue_),
       lastValue_(number * 1'000'000),
@@ -150,6 +165,7 @@ void SimClient::tick() {
         if (style_.namespacePercent > 0 && random_.chance(style_.namespacePercent)) editNamespace();
         if (random_.chancePerMille(style_.lockPerMille) && !session_.inGesture()) lockSomething();
         if (random_.chancePerMille(style_.awayPerMille)) editAway();
+        if (style_.undoPercent > 0 && undos_.chance(style_.undoPercent)) undoSomething();
         if (style_.slidesOffline && (link_ == 0 || random_.chance(3))) slideOffline();
         if (link_ != 0 && random_.chancePerMille(style_.cutPerMille))
             network_.cut(link_, random_.chance(40));
@@ -225,6 +241,77 @@ void SimClient::authorRandom(std::size_t count) {
         }
     }
     author(std::move(edits));
+}
+
+// Any number of undos and as many redos, with nothing between, restore all layers.
+void SimClient::undoSomething() {
+    if (session_.inGesture()) return;
+    const auto count = 1 + undos_.below(undos_.chance(20) ? 12 : 3);
+    const auto dumps = [this] {
+        std::map<LayerId, std::string> all;
+        for (const LayerId& layer : joinedLayers()) all[layer] = session_.view(layer)->dump();
+        return all;
+    };
+    keptText_.clear();
+    switch (undos_.below(4)) {
+        case 0:
+            for (auto left = count; left > 0; --left) undo(true);
+            break;
+        case 1:
+        case 2:
+            for (auto left = count; left > 0; --left) undo(false);
+            break;
+        default: {
+            undo(false);  // completes the view, which may not show all commits yet
+            undo(true);
+            keptText_.clear();
+            const auto before = dumps();
+            const std::size_t steps = session_.undoLabels().undo.size();
+            const auto undone = std::min<std::size_t>(count, steps);
+            for (auto left = undone; left > 0; --left) undo(false);
+            for (auto left = undone; left > 0; --left) undo(true);
+            const auto after = dumps();
+            for (const auto& [layer, text] : before)
+                if (after.at(layer) != text)
+                    throw SimFailure("client" + std::to_string(number_) +
+                                     ": undos and as many redos leave another " + layer.value +
+                                     "\n" + textDifference(text, after.at(layer)) + keptText_);
+            require(session_.undoLabels().undo.size() == steps,
+                    "undos and as many redos leave another number of steps");
+        }
+    }
+}
+
+// It never changes a register whose last writer is somebody else. Compared only if the view has
+// nothing but commits.
+void SimClient::undo(bool redo) {
+    LayerDocs before, after;
+    bool isConfirmed = session_.pendingTransactions() == 0;
+    for (const LayerId& layer : joinedLayers()) {
+        const LayerDoc* confirmed = session_.confirmed(layer);
+        before.emplace(layer, *session_.view(layer));
+        isConfirmed = isConfirmed && confirmed && *confirmed == before.at(layer);
+    }
+    undoing_.emplace();
+    const auto result = redo ? session_.redo() : session_.undo();
+    require(result.has_value(), "an undo is refused");
+    const auto edits = *std::exchange(undoing_, std::nullopt);
+    compareEditor();
+    keptText_ += redo ? "redo\n" : "undo\n";
+    for (const AuthoredEdit& edit : edits) keptText_ += "  " + textOf(edit) + "\n";
+    for (const KeptByUndo& one : result->kept)
+        keptText_ += "  kept " + one.path + " " + one.field + ": " + one.reason + "\n";
+    if (!result->done) return;
+    ++(redo ? redos : undos);
+    kept += result->kept.size();
+    for (const KeptByUndo& one : result->kept)
+        if (!one.author.value.empty()) ++keptOfOthers;
+    if (!isConfirmed) return;
+    ++undosChecked;
+    for (const auto& [layer, doc] : before) after.emplace(layer, *session_.view(layer));
+    const std::string wrong = others_.changed(before, after, edits);
+    require(wrong.empty(),
+            "client" + std::to_string(number_) + " has undone what others wrote: " + wrong);
 }
 
 /// Takes a lock in its own name or ends one; ending somebody else's lock is refused.
@@ -370,6 +457,7 @@ void SimClient::apply(const LayerId& layer, const std::string& path, const EditA
         throw SimFailure("an edit does not apply to the layer that the editor shows: " +
                          applied.error().message);
     forEachBlob(action, [&](const Value& blob) { need(blob.hash()); });
+    if (undoing_) undoing_->push_back({layer, path, action});
 }
 
 SharedBytes SimClient::localBlob(const Hash& hash) {
@@ -418,6 +506,7 @@ void SimClient::on(const event::Committed& event) {
             "commits have a gap");
     lastSeen_ = event.commit.revision;
     commitsTogether += event.commit.conflated;
+    others_.committed(event.commit, event.commit.id.client == session_.id());
     ++commitsSeen;
 }
 void SimClient::on(const event::Connected& event) {
@@ -434,6 +523,7 @@ void SimClient::on(const event::Connected& event) {
 }
 void SimClient::on(const event::Joined& event) {
     left_ = left_ || (leaving_ && told_.contains(event.layer));
+    others_.forget(event.layer);
 }
 void SimClient::on(const event::Lost& event) {
     require(!event.work.edits.empty(), "lost work was reported without its edits");
@@ -504,6 +594,10 @@ void SimClient::on(const event::LayerMade& event) {
 
 void SimClient::pending(const PendingWork& work) {
     madeFor.try_emplace(work.sequence, work.store);
+    if (undoing_ && !editsOf.contains(work.sequence)) {
+        authoredEdits += ofSpecs(work.edits);
+        ++transactions;
+    }
     editsOf[work.sequence] = work.edits.size();
 }
 

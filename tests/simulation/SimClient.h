@@ -11,6 +11,7 @@
 #include "NamespaceEdits.h"
 #include "SimNetwork.h"
 #include "SimServer.h"
+#include "UndoCheck.h"
 #include "session/Session.h"
 
 namespace usdlive::simulation {
@@ -32,6 +33,7 @@ struct SimStyle {
     bool inParts = false;  ///< sends transactions and commits in parts from some hundred bytes on
     bool slidesOffline = false;  ///< writes values again and again without a connection
     bool checksPrediction = false;
+    unsigned undoPercent = 0;  ///< undoes and redoes own work, also offline
 };
 
 /// The real Session with a simulated editor, whose layers are LayerDocs.
@@ -67,6 +69,8 @@ public:
     std::uint64_t commitsAccepted = 0, commitsTogether = 0;
     std::uint64_t connections = 0, rejoins = 0;
     std::uint64_t previewedBlobs = 0;  ///< requested for a preview
+    std::uint64_t undos = 0, redos = 0, kept = 0, keptOfOthers = 0;
+    std::uint64_t undosChecked = 0;  ///< those that were compared with what others have written
 
     /// The identity of the store for which each transaction was made (ID3).
     std::map<std::uint64_t, StoreId> madeFor;
@@ -113,6 +117,8 @@ private:
     void openAndClose();
     void authorRandom(std::size_t count);
     void lockSomething();
+    void undoSomething();
+    void undo(bool redo);
     void author(std::vector<client::AuthoredEdit> edits);
     [[nodiscard]] std::vector<LayerId> joinedLayers() const;
     void handleEvents();
@@ -143,6 +149,10 @@ private:
     SimRandom& random_;
     SimNetwork& network_;
     SimServer& server_;
+    SimRandom undos_;  // separate, so that the seeds that failed once still produce the same run
+    UndoCheck others_;
+    std::string keptText_;  // lists what the undos and redos of one tick did, for failures
+    std::optional<std::vector<client::AuthoredEdit>> undoing_;  // the edits of the present undo
     EditScript script_;
     NamespaceEdits namespace_;
 

@@ -62,6 +62,14 @@ private:
     /// that failed once before these edits were added.
     static bool editsNamespace(std::uint64_t seed) { return seed % 13 >= 6 && seed % 13 <= 9; }
 
+    /// True if clients undo. Uses no random number, and is false for all seeds that failed once
+    /// before.
+    static bool undoes(std::uint64_t seed) {
+        constexpr std::array kNot{0u,  4u,  8u,  9u,  11u, 15u, 17u, 18u, 22u, 27u,
+                                  30u, 32u, 36u, 39u, 43u, 50u, 51u, 52u, 53u, 54u};
+        return !editsNamespace(seed) && std::ranges::find(kNot, seed % 63) == kNot.end();
+    }
+
     SimStyle style() {
         SimStyle style;
         const char* const names[] = {"root.usda", "shot/anim.usda", "look.usdc"};
@@ -83,6 +91,7 @@ private:
         style.smallBudgets = random_.chance(40);
         style.inParts = inParts();
         style.slidesOffline = kind_ == 2 || kind_ == 4;
+        style.undoPercent = undoes(seed_) ? 1 + unsigned(seed_ % 10) : 0;
         style.checksPrediction = random_.chance(20) && style.awayPerMille == 0;
         return style;
     }
@@ -290,6 +299,10 @@ private:
             client->check(truth);
             if (!losesHistory()) client->namespaceEdits().check(docs, carriesAddresses, report_);
             report_.previewedBlobs += client->previewedBlobs;
+            report_.undos += client->undos;
+            report_.redos += client->redos;
+            report_.kept += client->keptOfOthers;
+            report_.undosChecked += client->undosChecked;
             for (const Checkpoint& made : client->checkpoints)
                 require(server_.disk.forgot || std::ranges::count(checkpoints, made) == 1,
                         "a checkpoint is lost");

@@ -26,7 +26,10 @@ struct SimReport {
     std::uint64_t otherHistories = 0;  ///< other projects and restored copies at the address (ID2)
     std::uint64_t joinsOfOther = 0;    ///< decisions to join one (ID4)
     std::uint64_t regained = 0;        ///< edits that it lacked
-    std::string failure;               ///< empty: everything holds
+    std::uint64_t undos = 0, redos = 0;
+    std::uint64_t kept = 0;          ///< registers that undos have left because others wrote them
+    std::uint64_t undosChecked = 0;  ///< those compared with what others have written
+    std::string failure;             ///< empty: everything holds
 };
 
 /// Runs one seed: 2 to 8 editors and a server with faults, then a time without faults and edits,

@@ -67,6 +67,10 @@ public:
             all.otherHistories += one.otherHistories;
             all.joinsOfOther += one.joinsOfOther;
             all.regained += one.regained;
+            all.undos += one.undos;
+            all.redos += one.redos;
+            all.kept += one.kept;
+            all.undosChecked += one.undosChecked;
             if (options.verbose) print("seed " + std::to_string(options.first + index), one);
             if (!one.failure.empty())
                 ADD_FAILURE() << "seed " << options.first + index << ": " << one.failure
@@ -82,6 +86,9 @@ public:
         EXPECT_GT(all.carried, 0u);
         EXPECT_GT(all.joinsOfOther, 0u);
         EXPECT_GT(all.regained, 0u);
+        EXPECT_GT(all.redos, 0u);
+        EXPECT_GT(all.kept, 0u);
+        EXPECT_GT(all.undosChecked, 0u);
     }
 
 private:
@@ -102,7 +109,8 @@ private:
             "%llu clients forgotten, %llu in parts, %llu edits written again, "
             "%llu namespace edits (%llu of several layers, %llu refused), %llu writes to prims "
             "(%llu "
-            "carried by moves), %llu other histories (joined %llu times, lacked %llu edits)%s\n",
+            "carried by moves), %llu other histories (joined %llu times, lacked %llu edits), "
+            "%llu undos, %llu redos (kept %llu of others, %llu compared)%s\n",
             what.c_str(), number(report.commits), number(report.lost), number(report.restarts),
             number(report.snapshots), number(report.unloads), number(report.accepted),
             number(report.together), number(report.compactions), number(report.previewedBlobs),
@@ -110,7 +118,8 @@ private:
             number(report.writtenAgain), number(report.moves), number(report.movesOfSeveral),
             number(report.refusedMoves), number(report.writes), number(report.carried),
             number(report.otherHistories), number(report.joinsOfOther), number(report.regained),
-            report.failure.empty() ? "" : ", FAILED");
+            number(report.undos), number(report.redos), number(report.kept),
+            number(report.undosChecked), report.failure.empty() ? "" : ", FAILED");
     }
 
     const std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
