@@ -21,6 +21,7 @@
 #include "cli/Text.h"
 #include "link/OwnName.h"
 #include "usdlive/common/core/ErrorPasses.h"
+#include "usdlive/common/fetch/IssuerSignIn.h"
 #include "usdlive/common/fetch/Join.h"
 #include "usdlive/common/layer/GlobalMuteness.h"
 #include "usdlive/common/layer/KitLockMap.h"
@@ -686,7 +687,25 @@ Result<void> stat(const Common& options) {
     });
 }
 
-Result<void> forget(const ForgetOptions& options) {
+Result<void> login(const ServerOnly& options) {
+    const auto& server = options.server;
+    const auto show = [&](const fetch::DevicePrompt& prompt) {
+        std::cout << "Sign in at " << server.hostAndPort() << " with " << prompt.issuer
+                  << ". Open\n\n  " << prompt.address << "\n\non any machine, and enter the code "
+                  << prompt.code << ". It is valid for " << prompt.time.count() / 60
+                  << " minutes.\n";
+        if (!prompt.completeAddress.empty())
+            std::cout << "Or open this, which has the code: " << prompt.completeAddress << "\n";
+        std::cout << "Enter a code only if you have started this command yourself.\n" << std::flush;
+    };
+    return fetch::login(server.host, server.port, server.isSecure, show)
+        .map([](const fetch::JoinedServer& joined) {
+            std::cout << "You are " << joined.user << " at " << joined.url
+                      << " from now on, in all programs of this account.\n";
+        });
+}
+
+Result<void> forget(const ServerOnly& options) {
     const std::string server = options.server.hostAndPort();
     const auto wasKnown = KnownServers().forget(options.server.host, options.server.port);
     if (!wasKnown) return tl::unexpected(wasKnown.error());

@@ -58,7 +58,7 @@ struct UploadOptions : Common {
     bool overwrite = false;
 };
 
-struct ForgetOptions {
+struct ServerOnly {
     client::ServerAddress server;
 };
 
@@ -87,7 +87,9 @@ Result<void> compact(const CompactOptions& options);
 Result<void> stat(const Common& options);
 Result<void> setMuted(const MuteOptions& options, bool muted);
 /// Forgets the certificate and the token of a server, and says whether there was one.
-Result<void> forget(const ForgetOptions& options);
+Result<void> forget(const ServerOnly& options);
+/// Signs in at a server with its issuer, in a browser.
+Result<void> login(const ServerOnly& options);
 /// Joins a server with an invitation, which is read from the standard input if it is empty.
 Result<void> join(const std::string& invitation);
 /// Replaces this process by `usdlive-server`, for `serve`, `user` and `access`. The first argument

@@ -69,6 +69,7 @@ public:
         app_.add_subcommand("revoke", "Remove an access rule; see usdlive revoke --help");
         app_.add_subcommand("audit", "Print and check the audit log; see usdlive audit --help");
         addJoin();
+        addLogin();
         addList();
         addPlain("who", "List the connected users with selection, edit target and time", "[URL]",
                  kNone, who);
@@ -317,14 +318,23 @@ private:
                          "Remove all locks of layers and specs, and all mutes; for administrators");
     }
 
-    void addForget() {
-        const auto read = [](const Words& words, ForgetOptions& into) {
-            if (words.size() != 1) usageError("name one server: usdlive forget HOST:PORT");
+    /// Adds a verb that takes one server, without a project.
+    void addForServer(const std::string& name, const std::string& help,
+                      Result<void> (*run)(const ServerOnly&)) {
+        const auto read = [name](const Words& words, ServerOnly& into) {
+            if (words.size() != 1) usageError("name one server: usdlive " + name + " HOST:PORT");
             into.server = orUsageError(client::parseServerAddress(words.front()));
-            if (into.server.dds) usageError("name a server: usdlive forget HOST:PORT");
+            if (into.server.dds) usageError("name a server: usdlive " + name + " HOST:PORT");
         };
-        addVerb("forget", "Forget the certificate and the token of a server", "HOST:PORT",
-                std::make_shared<ForgetOptions>(), read, forget);
+        addVerb(name, help, "HOST:PORT", std::make_shared<ServerOnly>(), read, run);
+    }
+
+    void addLogin() {
+        addForServer("login", "Sign in at a server with its OpenID Connect issuer", login);
+    }
+
+    void addForget() {
+        addForServer("forget", "Forget the certificate and the token of a server", forget);
     }
 
     void addSave() {

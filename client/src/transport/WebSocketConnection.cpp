@@ -1,5 +1,6 @@
 // Connects to a server over WebSocket.
 #include <algorithm>
+#include <atomic>
 #include <boost/asio/as_tuple.hpp>
 #include <boost/asio/awaitable.hpp>
 #include <boost/asio/co_spawn.hpp>
@@ -18,6 +19,7 @@
 #include "transport/RetryDelay.h"
 #include "usdlive/common/core/PercentEncoding.h"
 #include "usdlive/common/core/Thread.h"
+#include "usdlive/common/fetch/IssuerSignIn.h"
 #include "usdlive/common/net/ClientTls.h"
 #include "usdlive/common/net/NetStream.h"
 #include "usdlive/common/protocol/Frame.h"
@@ -88,6 +90,7 @@ public:
     }
 
     ~WebSocketConnection() override {
+        isDestroyed_ = true;
         asio::post(context_, [this] { sayGoodbye(); });
         thread_.join();
     }
@@ -202,8 +205,10 @@ private:
         auto& stream = line.stream;
         stream.set_option(websocket::stream_base::timeout{kConnectTimeout,
                                                           websocket::stream_base::none(), false});
+        // Waits here if the token has to be renewed: nothing else happens on this thread meanwhile.
         const auto authorization =
-            KnownServers().authorization(address_.host, address_.port, address_.isSecure);
+            fetch::authorizationFor(address_.host, address_.port, address_.isSecure,
+                                    [this] { return isDestroyed_.load(); });
         if (!authorization) co_return authorization.error();
         stream.set_option(websocket::stream_base::decorator(
             [authorization = *authorization](websocket::request_type& request) {
@@ -350,6 +355,7 @@ private:
     std::shared_ptr<Line> line_;  // the current connection, also while it is being opened
     bool leaving_ = false;
 
+    std::atomic<bool> isDestroyed_ = false;  // any thread
     std::thread thread_;
 };
 

@@ -74,12 +74,13 @@ std::string headOf(const HttpRequest& request) {
     headers.insert(headers.end(), request.headers.begin(), request.headers.end());
     if (!isOneLine(request.target)) return {};
     std::string head = (request.isPost ? "POST " : "GET ") + request.target + " HTTP/1.1\r\n";
-    if (request.isPost) head += "Content-Length: 0\r\n";
+    if (request.isPost) head += "Content-Length: " + std::to_string(request.form.size()) + "\r\n";
+    if (!request.form.empty()) head += "Content-Type: application/x-www-form-urlencoded\r\n";
     for (const auto& [name, value] : headers) {
         if (!isOneLine(name) || !isOneLine(value)) return {};
         head += name + ": " + value + "\r\n";
     }
-    return head + "\r\n";
+    return head + "\r\n" + (request.isPost ? request.form : "");
 }
 
 }  // namespace
@@ -312,6 +313,13 @@ Fetched<HttpAnswer> HttpClient::get(const HttpRequest& request) try {
 Fetched<HttpAnswer> get(const HttpRequest& request, const HttpLimits& limits,
                         std::function<bool()> isStopped) {
     return HttpClient(limits, std::move(isStopped)).get(request);
+}
+
+std::string formOf(const HttpHeaders& fields) {
+    std::string form;
+    for (const auto& [name, value] : fields)
+        form += (form.empty() ? "" : "&") + urlEncoded(name) + "=" + urlEncoded(value);
+    return form;
 }
 
 std::string urlEncoded(const std::string& text) {

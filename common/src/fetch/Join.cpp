@@ -73,6 +73,7 @@ Result<JoinedServer> join(const Invitation& invitation) {
     auto kept = known.update(invitation.host, invitation.port, [&](KnownServer& entry) {
         entry.user = user;
         entry.token = token;
+        entry.renewal.reset();  // it was that of another token
     });
     if (!kept) return tl::unexpected(kept.error());
     return JoinedServer{user, (server.isTls ? "wss://" : "ws://") + origin.hostInUrl() + ":" +

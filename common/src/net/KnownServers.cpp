@@ -11,9 +11,8 @@
 #include <cstdlib>
 #include <nlohmann/json.hpp>
 #include <system_error>
+#include <thread>
 #include <utility>
-
-#include "usdlive/common/core/Descriptor.h"
 
 namespace usdlive {
 
@@ -24,6 +23,7 @@ using Json = nlohmann::json;
 
 constexpr const char* kFile = "servers.json";
 constexpr const char* kServers = "servers";
+constexpr const char* kRenewal = "renewal";
 constexpr mode_t kPrivateFile = 0600, kPrivateFolder = 0700, kOthers = 0077;
 constexpr std::size_t kMostTokenBytes = 4096;
 
@@ -79,11 +79,20 @@ std::string textOf(const Json& entry, const char* name) {
     return found != entry.end() && found->is_string() ? found->get<std::string>() : "";
 }
 
+std::optional<TokenRenewal> renewalOf(const Json& entry) {
+    const auto found = entry.find(kRenewal);
+    if (found == entry.end() || !found->is_object()) return std::nullopt;
+    const auto end = found->find("endsAt");
+    return TokenRenewal{
+        textOf(*found, "tokensUrl"), textOf(*found, "clientId"), textOf(*found, "refreshToken"),
+        end != found->end() && end->is_number_integer() ? end->get<std::int64_t>() : 0};
+}
+
 KnownServer serverOf(const Json& entry) {
     if (!entry.is_object()) return {};
     const auto tls = entry.find("tls");
     return {textOf(entry, "user"), textOf(entry, "token"), textOf(entry, "pin"),
-            tls != entry.end() && tls->is_boolean() && tls->get<bool>()};
+            tls != entry.end() && tls->is_boolean() && tls->get<bool>(), renewalOf(entry)};
 }
 
 /// Writes the file in one step, so that a reader finds the old or the new content.
@@ -101,17 +110,23 @@ Result<void> writeServers(const fs::path& path, const Json& all) {
     return failed("write", path, why);
 }
 
-/// Locks the entries of `folder` for this thread until the descriptor is closed.
-Result<Descriptor> lockServers(const fs::path& folder) {
+/// Opens a file of `folder` that is there to be locked.
+Result<Descriptor> openLock(const fs::path& folder, const char* name) {
     std::error_code error;
     fs::create_directories(folder.parent_path(), error);
     if (::mkdir(folder.c_str(), kPrivateFolder) != 0 && errno != EEXIST)
         return failed("create", folder, systemError());
-    const fs::path path = folder / "servers.lock";
+    const fs::path path = folder / name;
     Descriptor file(::open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, kPrivateFile));
     if (!file) return failed("open", path, systemError());
-    while (::flock(file.get(), LOCK_EX) != 0)
-        if (errno != EINTR) return failed("lock", path, systemError());
+    return file;
+}
+
+/// Locks the entries of `folder` for this thread until the descriptor is closed.
+Result<Descriptor> lockServers(const fs::path& folder) {
+    auto file = openLock(folder, "servers.lock");
+    while (file && ::flock(file->get(), LOCK_EX) != 0)
+        if (errno != EINTR) return failed("lock", folder, systemError());
     return file;
 }
 
@@ -193,6 +208,13 @@ Result<void> KnownServers::update(const std::string& host, std::uint16_t port,
                 entry[name] = *text;
         }
         entry["tls"] = server.isTls;
+        if (server.renewal)
+            entry[kRenewal] = {{"tokensUrl", server.renewal->tokensUrl},
+                               {"clientId", server.renewal->clientId},
+                               {"refreshToken", server.renewal->refreshToken},
+                               {"endsAt", server.renewal->endsAt}};
+        else
+            entry.erase(kRenewal);
         return true;
     });
     if (!done) return tl::unexpected(done.error());
@@ -223,6 +245,21 @@ std::optional<std::string> KnownServers::ownerToken(std::uint16_t port) const {
     token.erase(token.find_last_not_of(" \r\n") + 1);
     if (token.empty()) return std::nullopt;
     return token;
+}
+
+Result<std::optional<Descriptor>> KnownServers::lockRenewal(
+    std::chrono::milliseconds limit, const std::function<bool()>& isStopped) const {
+    constexpr std::chrono::milliseconds kLook{20};
+    auto file = openLock(folder_, "renewal.lock");
+    if (!file) return tl::unexpected(file.error());
+    const auto end = std::chrono::steady_clock::now() + limit;
+    while (::flock(file->get(), LOCK_EX | LOCK_NB) != 0) {
+        if (errno != EWOULDBLOCK && errno != EINTR) return failed("lock", folder_, systemError());
+        if (std::chrono::steady_clock::now() >= end || (isStopped && isStopped()))
+            return std::nullopt;
+        std::this_thread::sleep_for(kLook);
+    }
+    return std::move(*file);
 }
 
 Result<std::optional<std::string>> KnownServers::authorization(const std::string& host,

@@ -44,7 +44,8 @@ struct HttpRequest {
     HttpHeaders headers = {};
     Trust trust = Trust::Authorities;
     BodySink* sink = nullptr;  ///< receives the body of a successful answer
-    bool isPost = false;       ///< sends POST, without a body, in place of GET
+    bool isPost = false;       ///< sends POST in place of GET
+    std::string form = {};     ///< the body of a POST: encoded names and values, see formOf()
     bool takesZstd = false;    ///< the server may compress the body (AS5), which is inflated here
 };
 
@@ -86,6 +87,9 @@ private:
 /// Does the same on a connection of its own.
 [[nodiscard]] Fetched<HttpAnswer> get(const HttpRequest& request, const HttpLimits& limits,
                                       std::function<bool()> isStopped = {});
+
+/// Returns the fields of a form as a body of a request.
+[[nodiscard]] std::string formOf(const HttpHeaders& fields);
 
 /// Encodes the characters of a path or a query's value that a URL cannot hold.
 [[nodiscard]] std::string urlEncoded(const std::string& text);

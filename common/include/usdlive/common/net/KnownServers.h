@@ -1,15 +1,27 @@
 // The servers that the programs of this user know: tokens, and certificates that were seen before.
 #pragma once
 
+#include <chrono>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
 #include <optional>
 #include <string>
 
+#include "usdlive/common/core/Descriptor.h"
 #include "usdlive/common/core/Result.h"
 
 namespace usdlive {
+
+/// The way to a new token from the issuer that gave the present one (AC26).
+struct TokenRenewal {
+    std::string tokensUrl;     ///< at the issuer
+    std::string clientId;      ///< the id of usdlive there
+    std::string refreshToken;  ///< empty: the user has to sign in again
+    std::int64_t endsAt = 0;   ///< the end of the present token, in seconds since 1970
+
+    bool operator==(const TokenRenewal&) const = default;
+};
 
 /// The facts about one server that are kept for the next connection.
 struct KnownServer {
@@ -17,6 +29,7 @@ struct KnownServer {
     std::string token;   ///< empty: none
     std::string pin;     ///< `sha256:HEX` of its certificate, kSignedByAuthority, or empty
     bool isTls = false;  ///< connections to it are encrypted
+    std::optional<TokenRenewal> renewal = {};  ///< nothing: the token does not end by itself
 
     bool operator==(const KnownServer&) const = default;
 };
@@ -60,8 +73,15 @@ public:
     /// `local/PORT`. Returns nothing if the file is not one that only this user can read and write.
     [[nodiscard]] std::optional<std::string> ownerToken(std::uint16_t port) const;
 
+    /// Lets one process at a time renew tokens, until the result is destroyed: an issuer may accept
+    /// a refresh token once only. Waits for `limit` at most, and not after `isStopped`, which may
+    /// be empty, returns true. Returns nothing if another process still renews.
+    [[nodiscard]] Result<std::optional<Descriptor>> lockRenewal(
+        std::chrono::milliseconds limit, const std::function<bool()>& isStopped = {}) const;
+
     /// Returns the value of the header Authorization for a request to this server, or nothing. A
-    /// token that belongs to an encrypted connection is not sent over a plain one.
+    /// token that belongs to an encrypted connection is not sent over a plain one. Does not renew
+    /// the token: see fetch::authorizationFor().
     [[nodiscard]] Result<std::optional<std::string>> authorization(const std::string& host,
                                                                    std::uint16_t port,
                                                                    bool isEncrypted) const;
