@@ -18,7 +18,8 @@ namespace {
 using std::chrono::milliseconds;
 using std::chrono::steady_clock;
 
-constexpr unsigned kUnauthorized = 401, kInternal = 500;
+constexpr unsigned kUnauthorized = 401, kForbiddenUser = 403, kNotThere = 404, kInternal = 500,
+                   kNotNow = 503;
 constexpr std::string_view kInvitation = "Invitation ";
 // A removed user is out within a second.
 constexpr milliseconds kFollowPause{200};
@@ -30,21 +31,28 @@ HttpReply signInFirst(const std::string& why) {
 }  // namespace
 
 AccessControl::AccessControl(asio::io_context& io, const std::filesystem::path& folder,
-                             Workers& workers, AuditLog& audit, Log& log)
+                             std::optional<IssuerSettings> issuer, Workers& workers,
+                             AuditLog& audit, Log& log)
     : io_(io),
       log_(log),
       audit_(audit),
       workers_(workers.files.share()),
-      signIn_(folder),
+      signIn_(folder, std::move(issuer)),
       timer_(io),
-      followedFile_(followedAccountsFile(folder)) {}
+      followedFile_(followedAccountsFile(folder)) {
+    if (const auto& from = signIn_.issuer())
+        keys_ = std::make_unique<PublishedKeys>(
+            io, from->rules.issuer, from->keysFile, workers, log,
+            [this](std::optional<IssuerKeys> keys) { signIn_.setIssuerKeys(std::move(keys)); });
+}
 
 AccessControl::~AccessControl() { stop(); }
 
 Result<void> AccessControl::start() {
     auto started = signIn_.start();
     if (started && isRequired()) audit_.begin();
-    return started;
+    if (!started || !keys_) return started;
+    return keys_->start();
 }
 
 void AccessControl::serve(std::uint16_t port, const std::string& url, const std::string& pin,
@@ -59,6 +67,7 @@ void AccessControl::serve(std::uint16_t port, const std::string& url, const std:
 
 void AccessControl::stop() {
     timer_.cancel();
+    if (keys_) keys_->stop();
     workers_->stop();
     if (std::exchange(spread_, nullptr)) ::unlink(followedFile_.c_str());
 }
@@ -110,11 +119,16 @@ void AccessControl::entered(const HttpTarget& target, const SignedIn& user,
                                                      : "with the token " + user.token});
 }
 
-HttpPage AccessControl::refused(std::string_view peer, std::string_view why, HttpReply reply) {
-    audit_.record({.event = why, .from = std::string(peer)});
+HttpPage AccessControl::refused(std::string_view peer, std::string_view why, HttpReply reply,
+                                std::string_view reason) {
+    audit_.record(
+        {.event = why, .from = std::string(peer), .detail = std::string(reason)});
     const milliseconds delay = signIn_.refused(std::string(peer), steady_clock::now());
-    if (delay < SignIn::kMostDelay)
+    if (delay < SignIn::kMostDelay && reason.empty())
         log_.write(LogLevel::Warning, why, {{"from", peer}, {"answeredAfterMs", delay.count()}});
+    else if (delay < SignIn::kMostDelay)
+        log_.write(LogLevel::Warning, why,
+                   {{"from", peer}, {"answeredAfterMs", delay.count()}, {"reason", reason}});
     const auto timer = std::make_shared<asio::steady_timer>(io_, delay);
     return [timer, reply = std::move(reply)](const HttpAnswer& answer) {
         timer->async_wait([timer, reply, answer](const boost::system::error_code& error) {
@@ -128,15 +142,78 @@ void AccessControl::cannotWrite(const Error& error, const HttpAnswer& answer) {
     answer({"text/plain", "the server cannot change its accounts; its log says why\n", kInternal});
 }
 
+std::optional<SignedIn> AccessControl::find(const HttpTarget& target) const {
+    auto found = signIn_.find(target.authorization, std::time(nullptr));
+    return found ? std::optional(std::move(*found)) : std::nullopt;
+}
+
+std::optional<HttpAgain> AccessControl::newerKeys(const HttpTarget& target) {
+    if (!keys_ || !keys_->canLook()) return std::nullopt;
+    const auto found = signIn_.find(target.authorization, std::time(nullptr));
+    const bool mayHelp = !found && (found.error().why == Stranger::Why::NoKeys ||
+                                    found.error().problem == TokenProblem::UnknownKey);
+    if (!mayHelp) return std::nullopt;
+    return HttpAgain{[this](std::function<void()> ready) { keys_->look(std::move(ready)); }};
+}
+
+HttpReply AccessControl::signInPage(const std::optional<SignedIn>& user) const {
+    constexpr const char* kJsonType = "application/json";
+    const auto page = [&](const nlohmann::json& json) {
+        return HttpReply{kJsonType, json.dump() + "\n"};
+    };
+    if (user) return page({{"user", user->user.value}});
+    const auto& issuer = signIn_.issuer();
+    if (!issuer)
+        return {"text/plain",
+                isRequired() ? "this server has no issuer: sign in with an invitation\n"
+                             : "this server asks nobody to sign in: connect without it\n",
+                kNotThere};
+    return page({{"issuer", issuer->rules.issuer},
+                 {"clientId", issuer->clientId},
+                 {"scopes", issuer->scopes}});
+}
+
 HttpPage AccessControl::refusal(const HttpTarget& target) {
-    return refused(target.peer, "sign-in refused",
-                   signInFirst(target.authorization.empty()
-                                   ? "this server asks users to sign in. Ask for an invitation and "
-                                     "run `usdlive join INVITATION`"
-                                   : "this server does not know the token: it was revoked, or is "
-                                     "that of another server (`usdlive forget HOST:PORT` removes "
-                                     "it). Ask for an invitation and run "
-                                     "`usdlive join INVITATION`"));
+    const auto found = signIn_.find(target.authorization, std::time(nullptr));
+    const Stranger stranger = found ? Stranger() : found.error();
+    const std::string join = "Ask for an invitation and run `usdlive join INVITATION`";
+    const std::string howTo =
+        keys_ ? "Run `usdlive login HOST:PORT`, or ask for an invitation and run `usdlive join "
+                "INVITATION`"
+              : join;
+    switch (stranger.why) {
+        case Stranger::Why::NoToken:
+            return refused(target.peer, "sign-in refused",
+                           signInFirst("this server asks users to sign in. " + howTo));
+        case Stranger::Why::IssuedToken:
+            return refused(target.peer, "token of the issuer refused",
+                           signInFirst("this server does not accept the sign-in of the issuer: it "
+                                       "has ended, or is not for this server. Run `usdlive login "
+                                       "HOST:PORT`; the log of the server says more"),
+                           describe(*stranger.problem));
+        case Stranger::Why::NoKeys:
+            return refused(target.peer, "sign-in refused",
+                           {"text/plain",
+                            "the issuer does not answer this server, which cannot check sign-ins "
+                            "now. Try again later; the log of the server says more\n",
+                            kNotNow},
+                           "the issuer's keys are not known");
+        case Stranger::Why::NoRole:
+            return refused(target.peer, "sign-in refused",
+                           {"text/plain",
+                            stranger.user.value +
+                                " is not a user of this server. Its administrator can run "
+                                "`usdlive user add " +
+                                stranger.user.value + " DIR`\n",
+                            kForbiddenUser},
+                           stranger.user.value + " has no account, and --oidc-role gives no role");
+        default:
+            return refused(target.peer, "sign-in refused",
+                           signInFirst("this server does not know the token: it was revoked, or is "
+                                       "that of another server (`usdlive forget HOST:PORT` removes "
+                                       "it). " +
+                                       howTo));
+    }
 }
 
 HttpPage AccessControl::join(const HttpTarget& target) {

@@ -61,9 +61,15 @@ HttpRoutes::Visible HttpRoutes::visibleTo(const User& user) const {
 HttpRoute HttpRoutes::route(const HttpTarget& target) {
     const std::string_view path = target.path;
     if (path == "/join") return HttpAction{access_.join(target)};
+    const bool asksHowToSignIn = path == "/sign-in";
+    if (asksHowToSignIn && target.authorization.empty()) return access_.signInPage(std::nullopt);
     const User user = access_.isRequired() ? access_.find(target) : std::nullopt;
     const bool isStranger = access_.isRequired() && !user;
-    if (isStranger && path != "/healthz") return access_.refusal(target);
+    if (isStranger && path != "/healthz") {
+        if (auto again = access_.newerKeys(target)) return std::move(*again);
+        return access_.refusal(target);
+    }
+    if (asksHowToSignIn) return access_.signInPage(user);
     const Visible visible = visibleTo(user);
     const auto page = [&](HttpReply (HttpRoutes::*make)(const Reports&) const) {
         return HttpPage([this, make, visible](const HttpAnswer& answer) {

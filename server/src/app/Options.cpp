@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "usdlive/common/dds/Domain.h"
+#include "usdlive/common/fetch/ServiceUrl.h"
 
 namespace usdlive::server {
 
@@ -79,6 +80,70 @@ void addTlsOptions(CLI::App& app, ServerOptions& options) {
         ->default_str("")
         ->expected(1, 2)
         ->group("Network");
+}
+
+/// The options of the issuer as they are written.
+struct IssuerOptions {
+    IssuerRules rules;
+    std::string clientId, scopes = "openid email profile offline_access", role = "none";
+    std::filesystem::path keysFile;
+};
+
+void addIssuerOptions(CLI::App& app, IssuerOptions& options) {
+    const std::string group = "Sign-in with OpenID Connect";
+    const auto add = [&](const char* name, auto& value, const char* type, const char* what) {
+        return app.add_option(name, value, what)->type_name(type)->group(group);
+    };
+    add("--oidc-issuer", options.rules.issuer, "URL",
+        "Let this issuer sign users in, beside those of `usdlive\n"
+        "user`")
+        ->default_str("");
+    add("--oidc-audience", options.rules.audience, "ID",
+        "The audience that tokens have to name: the id of the\n"
+        "client that is registered for usdlive at the issuer")
+        ->default_str("");
+    add("--oidc-client", options.clientId, "ID",
+        "The client with which `usdlive login` asks the issuer;\n"
+        "default: the audience")
+        ->default_str("");
+    add("--oidc-scopes", options.scopes, "SCOPES", "The scopes for which it asks");
+    add("--oidc-jwks", options.keysFile, "FILE",
+        "The keys of the issuer, which is then not asked for them")
+        ->default_str("");
+    add("--oidc-user-claim", options.rules.userClaim, "CLAIM",
+        "The claim with the name of the user. Take one that users\n"
+        "cannot change themselves; \"email\" counts if it is verified");
+    add("--oidc-groups-claim", options.rules.groupsClaim, "CLAIM",
+        "The claim with the groups of the user, for access rules");
+    add("--oidc-role", options.role, "ROLE",
+        "The role of users of the issuer whom `usdlive user` has\n"
+        "not added; \"none\" refuses them")
+        ->check(oneOf({kRoleNames.begin(), kRoleNames.end()}));
+}
+
+/// Checks the options of the issuer. Error: InvalidConfiguration names one.
+Result<std::optional<IssuerSettings>> issuerOf(const CLI::App& app, const IssuerOptions& options) {
+    const auto wrong = [](const std::string& what) {
+        return fail(ErrorCode::InvalidConfiguration, what);
+    };
+    const IssuerRules& rules = options.rules;
+    if (rules.issuer.empty()) {
+        for (const CLI::Option* one : app.get_options())
+            if (one->get_name().starts_with("--oidc-") && one->count() > 0)
+                return wrong(one->get_name() + " needs --oidc-issuer URL");
+        return std::nullopt;
+    }
+    if (const auto url = fetch::parseServiceUrl(rules.issuer); !url)
+        return wrong("--oidc-issuer " + rules.issuer + ": " + url.error().cause);
+    if (rules.audience.empty())
+        return wrong(
+            "--oidc-issuer needs --oidc-audience ID: without it, tokens for any other program "
+            "would let users in");
+    for (const std::string& claim : {rules.userClaim, rules.groupsClaim})
+        if (const auto valid = checkClaim(claim); !valid) return wrong(valid.error().message);
+    return IssuerSettings{rules, *roleNamed(options.role),
+                          options.clientId.empty() ? rules.audience : options.clientId,
+                          options.scopes, options.keysFile};
 }
 
 /// Checks the values of --tls. In `--tls auto DIR`, DIR is not one of them.
@@ -219,7 +284,7 @@ void addLogOptions(CLI::App& app, ServerOptions& options) {
         ->group(group);
 }
 
-void addOptions(CLI::App& app, ServerOptions& options, std::string& config) {
+void addOptions(CLI::App& app, ServerOptions& options, IssuerOptions& issuer, std::string& config) {
     app.option_defaults()->always_capture_default();
     app.add_option("DIR", options.folders,
                    "The folder whose .usd, .usda and .usdc files are served:\n"
@@ -233,6 +298,7 @@ void addOptions(CLI::App& app, ServerOptions& options, std::string& config) {
         ->default_str("");
     addNetworkOptions(app, options);
     addTlsOptions(app, options);
+    addIssuerOptions(app, issuer);
     addDdsOptions(app, options);
     addStorageOptions(app, options);
     addLimits(app, options);
@@ -291,6 +357,7 @@ void readConfig(CLI::App& app, const std::string& path) {
 
 std::variant<ServerOptions, int> parseOptions(int argc, const char* const* argv) {
     ServerOptions options;
+    IssuerOptions issuer;
     std::string config;
     // `usdlive serve` starts this program under this name.
     const std::string name = argc > 0 && std::string_view(argv[0]) == "usdlive serve"
@@ -302,7 +369,7 @@ std::variant<ServerOptions, int> parseOptions(int argc, const char* const* argv)
     app.get_formatter()->column_width(44);
     app.footer(kFooter);
     app.set_version_flag("--version", name + " " USDLIVE_VERSION)->configurable(false);
-    addOptions(app, options, config);
+    addOptions(app, options, issuer, config);
     const auto wrong = [&name](const std::string& what) {
         std::cerr << name << ": " << what << '\n';
         return kUsageError;
@@ -329,6 +396,9 @@ std::variant<ServerOptions, int> parseOptions(int argc, const char* const* argv)
     }
     if (const auto separated = separateTls(options); !separated)
         return wrong(separated.error().message);
+    auto settings = issuerOf(app, issuer);
+    if (!settings) return wrong(settings.error().message);
+    options.issuer = std::move(*settings);
     if (options.folders.empty() && options.projectsFolder.empty())
         return wrong("name the folder to serve, or --projects FOLDER");
     return options;

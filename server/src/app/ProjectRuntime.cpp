@@ -27,6 +27,8 @@ constexpr milliseconds kForgetPause{10 * 60'000};
 constexpr milliseconds kSpacePause{500};
 // The pause between looks at the access rules.
 constexpr milliseconds kRulesPause{200};
+// The pause between looks for sign-ins that have ended (AC23).
+constexpr milliseconds kSignInsPause{250};
 // The pause between searches for commits that are too old.
 constexpr milliseconds kHistoryPause{60 * 60 * 1'000};
 
@@ -67,6 +69,7 @@ ProjectRuntime::ProjectRuntime(asio::io_context& network, WorkerShares& workers,
       historyTimer_(network),
       spaceTimer_(network),
       rulesTimer_(network),
+      signInsTimer_(network),
       collector_(network, *workers.history, store, blobs, keepUnusedBlobs, log) {}
 
 Result<void> ProjectRuntime::start(ProjectSetup setup) {
@@ -169,7 +172,20 @@ void ProjectRuntime::opened(SessionId session, const std::optional<SignedIn>& us
         return transports_.of(session).close(
             session, Error{ErrorCode::SignInRequired,
                            "the access of " + present->user.value + " to this project was ended"});
+    const bool willEnd = present && present->issued;
     project->connected(session, std::move(present));
+    if (willEnd && !std::exchange(watchesSignIns_, true)) endSignInsIn(kSignInsPause);
+}
+
+void ProjectRuntime::endSignInsIn(milliseconds pause) {
+    signInsTimer_.expires_after(pause);
+    signInsTimer_.async_wait([this](const boost::system::error_code& error) {
+        if (error) return;
+        strand_.use([this](Project& project) {
+            watchesSignIns_ = project.endSignIns(clock_.wallClockMs() / 1'000);
+        });
+        if (watchesSignIns_) endSignInsIn(kSignInsPause);
+    });
 }
 
 void ProjectRuntime::lookForRulesIn(milliseconds pause) {

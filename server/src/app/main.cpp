@@ -160,7 +160,7 @@ public:
                   return createSpdLog(options.logLevel, options.logFormat, project);
               },
               *log_),
-          access_(io_, accountsFolder(options), workers_, audit_, *log_),
+          access_(io_, accountsFolder(options), options.issuer, workers_, audit_, *log_),
           routes_(io_, projects_, access_),
           signals_(io_, SIGINT, SIGTERM),
           hangups_(io_) {}
@@ -245,7 +245,8 @@ private:
         if (isLoopbackHost(options_.host)) return {};
         if (!access_.isRequired())
             return refuse("whoever reaches " + options_.host + " could edit without signing in",
-                          "Add a user first (usdlive user add NAME --at HOST:PORT DIR)");
+                          "Add a user first (usdlive user add NAME --at HOST:PORT DIR), or let an "
+                          "issuer sign users in (--oidc-issuer URL)");
         if (options_.tls.empty())
             return refuse("on the way to " + options_.host + ", tokens and edits could be read",
                           "Add --tls auto");

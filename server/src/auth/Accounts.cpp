@@ -159,15 +159,22 @@ std::optional<Accounts::Proved> Accounts::find(std::string_view token) const {
     return std::nullopt;
 }
 
+std::optional<Role> Accounts::roleOf(const UserName& user, const std::string& project) const {
+    const auto found = users_.find(user);
+    if (found == users_.end()) return std::nullopt;
+    const Account& account = found->second;
+    const auto own = account.projects.find(project);
+    return own == account.projects.end() ? account.role : own->second;
+}
+
 Role Accounts::roleOf(const UserName& user, const std::string& token,
                       const std::string& project) const {
     const auto found = users_.find(user);
-    if (found == users_.end()) return Role::None;
-    const Account& account = found->second;
-    if (!std::ranges::any_of(account.tokens, [&](const auto& one) { return one.id == token; }))
+    if (found == users_.end() || !std::ranges::any_of(found->second.tokens, [&](const auto& one) {
+            return one.id == token;
+        }))
         return Role::None;
-    const auto own = account.projects.find(project);
-    return own == account.projects.end() ? account.role : own->second;
+    return *roleOf(user, project);
 }
 
 Result<Account*> Accounts::named(const UserName& user) {

@@ -16,12 +16,19 @@ constexpr milliseconds kLeastDelay{100};
 constexpr std::chrono::minutes kMemory{1};
 constexpr std::size_t kMostAddresses = 10'000;
 
+/// Returns an id for the log.
+std::string idOfIssued(std::string_view token) {
+    constexpr std::size_t kIdDigits = 8;
+    return "issued " + hashOfSecret(token).hex().substr(0, kIdDigits);
+}
+
 }  // namespace
 
 Result<void> SignIn::start() {
     auto accounts = file_.read();
     if (!accounts) return tl::unexpected(accounts.error());
-    if (*accounts) accounts_ = std::make_shared<const Accounts>(std::move(**accounts));
+    if (*accounts || issuer_)
+        accounts_ = std::make_shared<const Accounts>(std::move(*accounts).value_or(Accounts()));
     return {};
 }
 
@@ -35,17 +42,36 @@ bool SignIn::take(Accounts accounts) {
     return true;
 }
 
-std::optional<SignedIn> SignIn::find(std::string_view authorization) const {
-    if (!isRequired() || !authorization.starts_with(kBearer)) return std::nullopt;
+tl::expected<SignedIn, Stranger> SignIn::find(std::string_view authorization,
+                                              std::int64_t now) const {
+    using Why = Stranger::Why;
+    if (!isRequired() || !authorization.starts_with(kBearer))
+        return tl::unexpected(Stranger{authorization.empty() ? Why::NoToken : Why::UnknownToken});
     const std::string_view token = authorization.substr(kBearer.size());
+    if (issuer_ && isIssuedToken(token)) return findIssued(token, now);
     if (owner_ && owner_->is(token)) return SignedIn{{}, Role::Admin, kOwner};
     const auto proved = accounts_->find(token);
-    if (!proved) return std::nullopt;
+    if (!proved) return tl::unexpected(Stranger{Why::UnknownToken});
     return SignedIn{proved->user, Role::None, proved->token};
 }
 
+tl::expected<SignedIn, Stranger> SignIn::findIssued(std::string_view token,
+                                                    std::int64_t now) const {
+    using Why = Stranger::Why;
+    if (!keys_) return tl::unexpected(Stranger{Why::NoKeys});
+    auto checked = checkIssuedToken(token, *keys_, issuer_->rules, now);
+    if (!checked) return tl::unexpected(Stranger{Why::IssuedToken, checked.error()});
+    if (issuer_->role == Role::None && !accounts_->users().contains(checked->user))
+        return tl::unexpected(Stranger{Why::NoRole, {}, std::move(checked->user)});
+    return SignedIn{std::move(checked->user), Role::None, idOfIssued(token),
+                    IssuedSignIn{std::move(checked->groups), checked->endsAt, issuer_->role}};
+}
+
 SignedIn SignIn::in(const Accounts& accounts, SignedIn user, const std::string& project) {
-    if (user.token != kOwner) user.role = accounts.roleOf(user.user, user.token, project);
+    if (user.issued)
+        user.role = accounts.roleOf(user.user, project).value_or(user.issued->role);
+    else if (user.token != kOwner)
+        user.role = accounts.roleOf(user.user, user.token, project);
     return user;
 }
 

@@ -43,6 +43,24 @@ void Project::Impl::setRules(std::shared_ptr<const AccessRules> rules) {
     }
 }
 
+bool Project::Impl::endSignIns(std::int64_t now) {
+    bool willEnd = false;
+    for (auto& [id, session] : sessions_.all()) {
+        const auto& proof = session.subject.proof;
+        if (!proof || !proof->issued || session.isClosing()) continue;
+        if (now < proof->issued->endsAt) {
+            willEnd = true;
+            continue;
+        }
+        activity_->record({"sign-in ended", proof->user, {}, {}});
+        sessions_.close(session, {ErrorCode::SignInRequired,
+                                  "the sign-in of " + proof->user.value +
+                                      " has ended. It is renewed when the program connects again; "
+                                      "if that fails, run `usdlive login HOST:PORT`"});
+    }
+    return willEnd;
+}
+
 void Project::Impl::disconnected(SessionId id) {
     const Session* session = sessions_.find(id);
     if (session && session->wasGreeted)

@@ -56,6 +56,11 @@ void Project::rolesChanged(const std::function<Role(const SignedIn&)>& roleOf) {
     impl_->rolesChanged(roleOf);
     impl_->finishCall();
 }
+bool Project::endSignIns(std::int64_t now) {
+    const bool willEnd = impl_->endSignIns(now);
+    impl_->finishCall();
+    return willEnd;
+}
 void Project::setRules(std::shared_ptr<const AccessRules> rules) {
     impl_->setRules(std::move(rules));
 }

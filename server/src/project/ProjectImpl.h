@@ -36,6 +36,7 @@ public:
     void connected(SessionId id, std::optional<SignedIn> user);
     void setRules(std::shared_ptr<const AccessRules> rules);
     void rolesChanged(const std::function<Role(const SignedIn&)>& roleOf);
+    bool endSignIns(std::int64_t now);
     void received(SessionId id, ByteView message);
     void disconnected(SessionId id);
     void receiveFrame(SessionId id, ByteView frame) override;

@@ -32,7 +32,8 @@ namespace beast = boost::beast;
 namespace http = beast::http;
 using std::chrono::steady_clock;
 
-constexpr std::size_t kHeaderBytes = 8 * 1024;
+// A token of an issuer may have 16 KiB.
+constexpr std::size_t kHeaderBytes = 24 * 1024;
 // The time limit for sending the answer and for the peer to close afterwards.
 constexpr std::chrono::seconds kAnswerTime{5};
 
@@ -166,6 +167,7 @@ private:
         try {
             const HttpRoute route = hub_.router(target);
             if (const auto* refusal = std::get_if<HttpReply>(&route)) return answer(*refusal);
+            if (const auto* again = std::get_if<HttpAgain>(&route)) return routeAgain(*again);
             const bool isPost = request.method() == http::verb::post;
             if (const auto* action = std::get_if<HttpAction>(&route))
                 return isPost
@@ -182,6 +184,20 @@ private:
                            {{"path", target.path}, {"error", fault.what()}});
             answer({"text/plain", "internal error of the server\n", kInternal});
         }
+    }
+
+    void routeAgain(const HttpAgain& again) {
+        if (std::exchange(hasWaited_, true))
+            return answer({"text/plain", "the server is busy; try again\n", kUnavailable});
+        waits_ = true;
+        deadline_ = steady_clock::now() + hub_.options.answerTime;
+        again.wait([io = &hub_.io, weak = weak_from_this()] {
+            asio::post(*io, [weak] {
+                const auto self = weak.lock();
+                if (self && !self->done_ && std::exchange(self->waits_, false))
+                    self->route(self->parser_.get());
+            });
+        });
     }
 
     void get(const HttpPage& page) {
@@ -489,7 +505,8 @@ private:
     Bytes spare_;  // memory for a part that is read later
     bool isReading_ = false, isWriting_ = false;
 
-    bool waits_ = false;  // for the page's answer
+    bool waits_ = false;      // for the page's answer, or for what the router needs
+    bool hasWaited_ = false;  // for the router
     bool done_ = false;
 };
 

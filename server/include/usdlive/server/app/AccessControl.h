@@ -11,6 +11,7 @@
 
 #include "usdlive/server/app/AccountCommands.h"
 #include "usdlive/server/app/AuditLog.h"
+#include "usdlive/server/app/PublishedKeys.h"
 #include "usdlive/server/app/Workers.h"
 #include "usdlive/server/auth/SignIn.h"
 #include "usdlive/server/transport/HttpServer.h"
@@ -25,13 +26,15 @@ public:
     /// Passes the accounts to all projects, then calls `done`, on any thread.
     using Spread = std::function<void(std::shared_ptr<const Accounts>, std::function<void()> done)>;
 
-    /// `folder` contains `.usdlive/users.json`. `workers`, `audit` and `log` must outlive this
-    /// object.
+    /// `folder` contains `.usdlive/users.json`. `issuer`: nothing if there is none. `workers`,
+    /// `audit` and `log` must outlive this object.
     AccessControl(boost::asio::io_context& io, const std::filesystem::path& folder,
-                  Workers& workers, AuditLog& audit, Log& log);
+                  std::optional<IssuerSettings> issuer, Workers& workers, AuditLog& audit,
+                  Log& log);
     ~AccessControl();
 
-    /// Reads the accounts, and begins the audit log if users have to sign in. Error:
+    /// Reads the accounts and the keys of the issuer, or begins to ask for them. Begins the audit
+    /// log if users have to sign in. Error:
     /// InvalidConfiguration.
     [[nodiscard]] Result<void> start();
     /// Lets the owner in at this port, and begins to follow the file.
@@ -42,9 +45,12 @@ public:
 
     [[nodiscard]] bool isRequired() const { return signIn_.isRequired(); }
     /// Returns who a request comes from; nothing if it proves nobody.
-    [[nodiscard]] std::optional<SignedIn> find(const HttpTarget& target) const {
-        return signIn_.find(target.authorization);
-    }
+    [[nodiscard]] std::optional<SignedIn> find(const HttpTarget& target) const;
+    /// Returns how to wait for newer keys of the issuer, if the request proves nobody and they
+    /// might change that (AC24).
+    [[nodiscard]] std::optional<HttpAgain> newerKeys(const HttpTarget& target);
+    /// Says how to sign in, or as whom somebody has signed in (AC25).
+    [[nodiscard]] HttpReply signInPage(const std::optional<SignedIn>& user) const;
     /// Records that a user opens a session.
     void entered(const HttpTarget& target, const SignedIn& user, const std::string& project);
     /// Returns the user with the role in a project.
@@ -62,13 +68,16 @@ private:
     void take(Accounts accounts);
     void cannotWrite(const Error& error, const HttpAnswer& answer);
     /// `why` is the event in the log, which is not filled by somebody who goes on.
-    [[nodiscard]] HttpPage refused(std::string_view peer, std::string_view why, HttpReply reply);
+    /// `reason`: a sentence for the log; may be empty.
+    [[nodiscard]] HttpPage refused(std::string_view peer, std::string_view why, HttpReply reply,
+                                   std::string_view reason = {});
 
     boost::asio::io_context& io_;
     Log& log_;
     AuditLog& audit_;
     const std::shared_ptr<WorkerShare> workers_;
     SignIn signIn_;
+    std::unique_ptr<PublishedKeys> keys_;  ///< nullptr: no issuer
     Spread spread_;
     boost::asio::steady_timer timer_;
     const std::filesystem::path followedFile_;

@@ -17,8 +17,8 @@ namespace usdlive::server {
 
 /// Finds what a request asks for: `/live` and `/NAME/live` open sessions; `/files...` and
 /// `/NAME/files...` are files of a project; `/`, `/healthz`, `/metrics` and `/projects` are pages;
-/// `/join` takes an invitation. A user is shown the projects in which they have a role. Belongs to
-/// the thread that runs `io`.
+/// `/join` takes an invitation, and `/sign-in` says how to sign in. A user is shown the projects in
+/// which they have a role. Belongs to the thread that runs `io`.
 class HttpRoutes {
 public:
     /// The other objects must outlive this one.

@@ -11,6 +11,7 @@
 
 #include "usdlive/common/protocol/FrameParts.h"
 #include "usdlive/server/app/SpdLog.h"
+#include "usdlive/server/auth/SignIn.h"
 
 namespace usdlive::server {
 
@@ -27,7 +28,8 @@ struct ServerOptions {
     std::vector<std::string> allowedHosts, allowedOrigins;
     /// The files of a certificate and its key, or kOwnCertificate; empty: not encrypted.
     std::vector<std::string> tls;
-    bool insecure = false;  ///< lets others reach it without sign-in or encryption
+    bool insecure = false;                 ///< lets others reach it without sign-in or encryption
+    std::optional<IssuerSettings> issuer;  ///< nothing: no OpenID Connect
     bool dds = false;
     std::string ddsInterface = "lo";
     std::uint64_t ddsDomain = 74;

@@ -106,6 +106,7 @@ private:
     void lookForSpaceIn(std::chrono::milliseconds pause);
     void lookForRulesIn(std::chrono::milliseconds pause);
     void takeRules(AccessRules rules);
+    void endSignInsIn(std::chrono::milliseconds pause);
 
     boost::asio::io_context& network_;
     WorkerShares& workers_;
@@ -132,9 +133,10 @@ private:
     ProjectSetup setup_;
     std::function<Role(const SignedIn&)> roleOf_;  ///< empty: roles have not changed yet
     boost::asio::steady_timer retryTimer_, scanTimer_, sweepTimer_, clientsTimer_, historyTimer_,
-        spaceTimer_, rulesTimer_;
+        spaceTimer_, rulesTimer_, signInsTimer_;
     BlobCollector collector_;
     bool sweeping_ = false;
+    bool watchesSignIns_ = false;
     bool hasSpace_ = true;            ///< last answer of the store
     std::vector<LayerFile> scanned_;  ///< result of the last scan
 };

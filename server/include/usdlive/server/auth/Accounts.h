@@ -64,6 +64,9 @@ public:
     };
     /// Returns whose token it is.
     [[nodiscard]] std::optional<Proved> find(std::string_view token) const;
+    /// Returns the role of a user in a project; nothing if there is no such user.
+    [[nodiscard]] std::optional<Role> roleOf(const UserName& user,
+                                             const std::string& project) const;
     /// Returns the role of a user in a project; None if the user or the token was removed.
     [[nodiscard]] Role roleOf(const UserName& user, const std::string& token,
                               const std::string& project) const;

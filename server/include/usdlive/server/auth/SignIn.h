@@ -9,19 +9,46 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <tl/expected.hpp>
 
 #include "usdlive/server/auth/Accounts.h"
+#include "usdlive/server/auth/OpenIdConnect.h"
 #include "usdlive/server/auth/OwnerToken.h"
 #include "usdlive/server/project/Subject.h"
 
 namespace usdlive::server {
 
+/// The reason why a request proves nobody.
+struct Stranger {
+    enum class Why {
+        NoToken,
+        UnknownToken,
+        IssuedToken,  ///< `problem` says what is wrong with a token of the issuer
+        NoKeys,       ///< the keys of the issuer are not known
+        NoRole,       ///< `user` was proved, and has neither an account nor a role
+    };
+    Why why = Why::NoToken;
+    std::optional<TokenProblem> problem = {};
+    UserName user = {};
+};
+
+/// The issuer that signs users in (AC20).
+struct IssuerSettings {
+    IssuerRules rules;
+    Role role = Role::None;  ///< for users without an account
+    std::string clientId;    ///< the id of usdlive at the issuer
+    std::string scopes;
+    std::filesystem::path keysFile;  ///< empty: the issuer is asked for its keys
+};
+
 /// Knows the present accounts and tells who shows a token. Users have to sign in if the file of the
-/// accounts exists when the server starts. Belongs to one thread.
+/// accounts exists when the server starts, or if there is an issuer. Belongs to one thread.
 class SignIn {
 public:
-    /// `folder` contains `.usdlive/users.json`.
-    explicit SignIn(const std::filesystem::path& folder) : file_(folder) {}
+    /// `folder` contains `.usdlive/users.json`. `issuer`: nothing if there is none.
+    explicit SignIn(const std::filesystem::path& folder,
+                    std::optional<IssuerSettings> issuer = std::nullopt)
+        : file_(folder), issuer_(std::move(issuer)) {}
 
     /// Reads the accounts. Error: InvalidConfiguration.
     [[nodiscard]] Result<void> start();
@@ -35,8 +62,14 @@ public:
     /// Replaces the accounts. Older ones are ignored; returns whether these were not.
     bool take(Accounts accounts);
 
-    /// Returns who shows this value of the header Authorization (AC1); nothing if it proves nobody.
-    [[nodiscard]] std::optional<SignedIn> find(std::string_view authorization) const;
+    [[nodiscard]] const std::optional<IssuerSettings>& issuer() const { return issuer_; }
+    /// Replaces the keys of the issuer. Without any, none of its tokens is accepted.
+    void setIssuerKeys(std::optional<IssuerKeys> keys) { keys_ = std::move(keys); }
+
+    /// Returns who shows this value of the header Authorization (AC1, AC20) at a time, in seconds
+    /// since 1970.
+    [[nodiscard]] tl::expected<SignedIn, Stranger> find(std::string_view authorization,
+                                                        std::int64_t now) const;
     /// Returns the user with the role in a project.
     [[nodiscard]] static SignedIn in(const Accounts& accounts, SignedIn user,
                                      const std::string& project);
@@ -51,12 +84,17 @@ public:
     [[nodiscard]] std::uint64_t refusals() const { return refusals_; }
 
 private:
+    [[nodiscard]] tl::expected<SignedIn, Stranger> findIssued(std::string_view token,
+                                                              std::int64_t now) const;
+
     struct Failures {
         std::chrono::milliseconds delay{0};
         std::chrono::steady_clock::time_point last;
     };
 
     AccountsFile file_;
+    const std::optional<IssuerSettings> issuer_;
+    std::optional<IssuerKeys> keys_;
     std::optional<OwnerToken> owner_;
     std::shared_ptr<const Accounts> accounts_;
     std::map<std::string, Failures> failures_;  // by address

@@ -158,6 +158,9 @@ public:
     /// Ends the sessions of signed-in users whose role is not the one that `roleOf` returns. Those
     /// who may still read connect again and are told their new role.
     void rolesChanged(const std::function<Role(const SignedIn&)>& roleOf);
+    /// AC23: ends the sessions of users whose sign-in has ended at `now`, in seconds since 1970.
+    /// Returns whether there are sessions whose sign-in will end.
+    bool endSignIns(std::int64_t now);
     /// Receives one message. Closes the session with an error if the message violates the protocol.
     void received(SessionId session, ByteView message);
     /// Removes a session. Call it when the connection has ended, whoever closed it.

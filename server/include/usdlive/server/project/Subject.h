@@ -11,15 +11,20 @@
 
 namespace usdlive::server {
 
+/// The statements of an issuer about a user (AC22).
+struct IssuedSignIn {
+    std::set<std::string> groups;
+    std::int64_t endsAt = 0;  ///< seconds since 1970
+    Role role = Role::None;   ///< for users without an account of their name
+};
+
 /// A signed-in user, as a transport passes it on.
 struct SignedIn {
     /// Empty for the owner of the server's process, who may act in the name of any user.
     UserName user;
     Role role = Role::None;
-    std::string token;                  ///< the id of the token that proved it, not the token
-    std::set<std::string> groups = {};  ///< those of the issuer; empty for others (AC22)
-    /// The end of the sign-in, in seconds since 1970; nothing: it lasts until it is revoked.
-    std::optional<std::int64_t> endsAt = {};
+    std::string token;                        ///< the id of the token that proved it, not the token
+    std::optional<IssuedSignIn> issued = {};  ///< nothing for a token of this server
 };
 
 /// The user of a session and what they may do.
@@ -31,7 +36,7 @@ struct Subject {
 
     [[nodiscard]] const std::set<std::string>& groups() const {
         static const std::set<std::string> none;
-        return proof ? proof->groups : none;
+        return proof && proof->issued ? proof->issued->groups : none;
     }
     [[nodiscard]] bool isAdministrator() const { return role == Role::Admin; }
 };

@@ -73,9 +73,15 @@ struct HttpSessions {
     std::optional<SignedIn> user = {};  ///< nothing if users do not sign in
 };
 
+/// Something that the router needs to know is being fetched. `wait` calls its argument when it is
+/// here, from any thread; the router is then asked once more.
+struct HttpAgain {
+    std::function<void(std::function<void()>)> wait;
+};
+
 /// The target of a path: a page, a project's WebSocket sessions, or a reply that says why there is
 /// none.
-using HttpRoute = std::variant<HttpPage, HttpAction, HttpSessions, HttpReply>;
+using HttpRoute = std::variant<HttpPage, HttpAction, HttpSessions, HttpReply, HttpAgain>;
 /// The target of a request, as the client sent it: not decoded.
 struct HttpTarget {
     std::string_view path;                ///< without the query
@@ -92,7 +98,7 @@ struct HttpServerOptions {
     std::uint16_t port = 0;  ///< 0: a free one
     /// The limits of all connections. Sessions are members; HTTP requests are guests.
     Seats::Limits seats;
-    /// The time limit for the request line and the headers, which may have 8 KiB.
+    /// The time limit for the request line and the headers, which may have 24 KiB.
     std::chrono::milliseconds headerTime{10'000};
     /// The time limit for a page's answer. After it the status is 503.
     std::chrono::milliseconds answerTime{10'000};

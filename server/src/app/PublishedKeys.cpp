@@ -1,0 +1,163 @@
+// Asks the issuer for its keys in pauses, or follows the file that has them.
+#include "usdlive/server/app/PublishedKeys.h"
+
+#include <algorithm>
+#include <boost/asio/post.hpp>
+#include <utility>
+
+#include "usdlive/common/fetch/Issuer.h"
+
+namespace usdlive::server {
+
+namespace asio = boost::asio;
+
+namespace {
+
+using std::chrono::hours;
+using std::chrono::milliseconds;
+using std::chrono::seconds;
+using std::chrono::steady_clock;
+
+constexpr hours kRefresh{1};
+constexpr hours kKeysLast{24};
+constexpr seconds kFirstRetry{2}, kLongestRetry{60};
+// The pause between two questions that tokens with an unknown key cause.
+constexpr seconds kLookPause{30};
+constexpr milliseconds kLookAtFile{500};
+constexpr unsigned kAnswered = 200;
+
+Result<IssuerKeys> keysOf(const std::string& issuer, const std::function<bool()>& isStopped) {
+    const auto found = fetch::discover(issuer, isStopped);
+    if (!found) return fail(ErrorCode::NotConnected, found.error().cause);
+    const auto answer = fetch::get({.origin = found->keys.origin, .target = found->keys.target},
+                                   fetch::issuerLimits(), isStopped);
+    if (!answer) return fail(ErrorCode::NotConnected, "its keys: " + answer.error().cause);
+    if (answer->status != kAnswered)
+        return fail(ErrorCode::NotConnected, "its keys: HTTP " + std::to_string(answer->status));
+    return IssuerKeys::parse(answer->body);
+}
+
+}  // namespace
+
+PublishedKeys::PublishedKeys(asio::io_context& io, std::string issuer, std::filesystem::path file,
+                             Workers& workers, Log& log, Take take)
+    : io_(io),
+      log_(log),
+      issuer_(std::move(issuer)),
+      file_(std::move(file)),
+      take_(std::move(take)),
+      workers_(workers.files.share()),
+      timer_(io),
+      retryPause_(kFirstRetry) {}
+
+PublishedKeys::~PublishedKeys() { stop(); }
+
+Result<void> PublishedKeys::start() {
+    if (file_.path().empty()) {
+        ask();
+        return {};
+    }
+    stamp_ = file_.stamp();
+    auto keys = file_.read();
+    if (!keys) return tl::unexpected(keys.error());
+    take_(std::move(*keys));
+    readIn(kLookAtFile);
+    return {};
+}
+
+void PublishedKeys::stop() {
+    *isStopped_ = true;
+    timer_.cancel();
+    workers_->stop();
+    waiting_.clear();
+}
+
+bool PublishedKeys::canLook() const {
+    if (!file_.path().empty()) return false;
+    return isAsking_ || !lookedAt_ || steady_clock::now() - *lookedAt_ >= kLookPause;
+}
+
+void PublishedKeys::look(std::function<void()> done) {
+    waiting_.push_back(std::move(done));
+    if (isAsking_) return;
+    lookedAt_ = steady_clock::now();
+    ask();
+}
+
+void PublishedKeys::askIn(steady_clock::duration pause) {
+    timer_.expires_after(pause);
+    timer_.async_wait([this](const boost::system::error_code& error) {
+        if (!error && !*isStopped_ && !isAsking_) ask();
+    });
+}
+
+void PublishedKeys::ask() {
+    isAsking_ = true;
+    // The issuer may take seconds. The threads that accept and edit never wait for it.
+    workers_->post(
+        [this, io = &io_, weak = std::weak_ptr(life_), issuer = issuer_, isStopped = isStopped_] {
+            auto keys = keysOf(issuer, [isStopped] { return isStopped->load(); });
+            asio::post(*io, [this, weak, keys = std::move(keys)]() mutable {
+                if (weak.expired() || *isStopped_) return;
+                answered(std::move(keys));
+            });
+        });
+}
+
+void PublishedKeys::answered(Result<IssuerKeys> keys) {
+    isAsking_ = false;
+    if (keys) {
+        if (isFailing_ || !readAt_)
+            log_.write(LogLevel::Info, "the issuer's keys were read",
+                       {{"issuer", issuer_}, {"keys", keys->keys().size()}});
+        readAt_ = steady_clock::now();
+        retryPause_ = kFirstRetry;
+        take_(std::move(*keys));
+        askIn(kRefresh);
+    } else {
+        if (!isFailing_)
+            log_.write(LogLevel::Error,
+                       readAt_ ? "the issuer does not give its keys; the last ones count for a day"
+                               : "the issuer does not give its keys; nobody can sign in with it "
+                                 "until it does",
+                       {{"issuer", issuer_}, {"error", keys.error().message}});
+        if (readAt_ && steady_clock::now() - *readAt_ > kKeysLast) {
+            log_.write(LogLevel::Error, "the issuer's keys are older than a day and do not count",
+                       {{"issuer", issuer_}});
+            readAt_.reset();
+            take_(std::nullopt);
+        }
+        askIn(retryPause_);
+        retryPause_ = std::min<steady_clock::duration>(2 * retryPause_, kLongestRetry);
+    }
+    isFailing_ = !keys;
+    for (const auto& done : std::exchange(waiting_, {})) done();
+}
+
+void PublishedKeys::readIn(steady_clock::duration pause) {
+    timer_.expires_after(pause);
+    timer_.async_wait([this](const boost::system::error_code& error) {
+        if (error || *isStopped_) return;
+        workers_->post([this, io = &io_, weak = std::weak_ptr(life_), file = file_,
+                        before = stamp_] {
+            const auto stamp = file.stamp();
+            std::optional<Result<IssuerKeys>> keys;
+            if (stamp && stamp != before) keys = file.read();
+            asio::post(*io, [this, weak, stamp, keys = std::move(keys)]() mutable {
+                if (weak.expired() || *isStopped_) return;
+                if (stamp) stamp_ = stamp;
+                if (keys && *keys) {
+                    log_.write(LogLevel::Info, "the issuer's keys were read",
+                               {{"file", file_.path().string()}, {"keys", (*keys)->keys().size()}});
+                    take_(std::move(**keys));
+                } else if (keys) {
+                    log_.write(LogLevel::Error, "the issuer's keys stay as they were",
+                               {{"error", keys->error().message}});
+                }
+                readIn(kLookAtFile);
+            });
+        });
+    });
+}
+
+}  // namespace usdlive::server
