@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <iostream>
 #include <optional>
+#include <set>
 #include <string>
 #include <thread>
 #include <vector>
@@ -27,11 +28,13 @@ constexpr std::chrono::milliseconds kTakenTime{3'000}, kTakenLook{20};
 struct Asked {
     std::filesystem::path folder;
     std::string user, layer, path, kind;
+    std::string role;  ///< empty: that of the account
+    std::set<std::string> groups;
 };
 
 struct Changed {
     std::filesystem::path folder;
-    std::vector<std::string> users, roles, layers, paths, kinds;
+    std::vector<std::string> users, groups, roles, layers, paths, kinds;
     std::size_t number = 0;
     bool isUnchecked = false;
 };
@@ -43,6 +46,7 @@ tl::unexpected<Error> unknownUser(const std::string& user, const AccountsFile& f
 
 /// Returns the role of the user in the project of the folder.
 Result<Role> roleOf(const Asked& asked) {
+    if (!asked.role.empty()) return *roleNamed(asked.role);
     const AccountsFile file(accountsFolderOf(asked.folder));
     const auto accounts = file.read();
     if (!accounts) return tl::unexpected(accounts.error());
@@ -61,7 +65,8 @@ void explain(const AccessRules& rules, const Asked& asked, Role role) {
     std::cout << asked.user << " is " << nameOf(role) << "\n";
     for (std::size_t index = 0; index < kOpinionKindNames.size(); ++index) {
         if (!asked.kind.empty() && asked.kind != kOpinionKindNames[index]) continue;
-        const auto decision = rules.decide({user, role, layer, asked.path, OpinionKind(index)});
+        const auto decision =
+            rules.decide({user, role, layer, asked.path, OpinionKind(index), asked.groups});
         std::cout << (decision.isAllowed ? "yes  " : "no   ") << kOpinionKindNames[index] << "  ("
                   << (decision.rule ? rules.describe(*decision.rule) : "the role decides") << ")\n";
     }
@@ -146,6 +151,7 @@ Result<void> addRule(const Changed& words, bool allows) {
     AccessRule rule;
     rule.allows = allows;
     rule.users.insert(words.users.begin(), words.users.end());
+    rule.groups.insert(words.groups.begin(), words.groups.end());
     for (const std::string& role : words.roles) rule.roles.insert(*roleNamed(role));
     rule.layers = words.layers;
     rule.paths = words.paths;
@@ -197,6 +203,8 @@ int runRuleCommand(const char* name, bool allows, int argc, const char* const* a
     app.footer(kRuleFooter);
     addFolder(app, words.folder);
     app.add_option("--user", words.users, "The user who edits")->type_name("NAME");
+    app.add_option("--group", words.groups, "A group that the issuer gives the user")
+        ->type_name("NAME");
     app.add_option("--role", words.roles, "The role of the user")
         ->check(oneOf(kRoleNames))
         ->type_name("ROLE");
@@ -233,6 +241,15 @@ int runAccess(int argc, const char* const* argv) {
     std::string kinds = "A kind of opinion; default: all of them:";
     for (const std::string_view kind : kOpinionKindNames) kinds += " " + std::string(kind);
     app.add_option("KIND", asked.kind, kinds)->check(oneOf(kOpinionKindNames))->type_name("");
+    app.add_option("--group", asked.groups, "A group that the issuer gives the user")
+        ->type_name("NAME")
+        ->allow_extra_args(false)
+        ->needs(path);
+    app.add_option("--role", asked.role,
+                   "The role of a user who has no account; default: that of\nthe account")
+        ->check(oneOf(kRoleNames))
+        ->type_name("ROLE")
+        ->needs(path);
     user->needs(path);
     layer->needs(user);
     path->needs(layer);

@@ -248,7 +248,9 @@ Result<void> list(const Words& words) {
             std::cout << jsonOf(name, account).dump() << "\n";
         return {};
     }
-    if (!*accounts) std::cout << "There are no users: whoever reaches the server may edit.\n";
+    if (!*accounts)
+        std::cout << "There are no users: whoever reaches the server may edit, unless an "
+                     "issuer signs users in.\n";
     for (const auto& [name, account] : present.users()) print(name, account, std::time(nullptr));
     return {};
 }
