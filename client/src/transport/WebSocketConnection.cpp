@@ -147,11 +147,17 @@ private:
         const auto endpoints =
             resolver.resolve(address_.host, std::to_string(address_.port), resolveError);
         if (resolveError) co_return describe("no address found for", resolveError);
+        // Waits here, too, if the token has to be renewed, which the server would not.
+        const auto authorization =
+            fetch::authorizationFor(address_.host, address_.port, address_.isSecure,
+                                    [this] { return isDestroyed_.load(); });
+        if (!authorization) co_return authorization.error();
 
         auto line = line_ = std::make_shared<Line>(context_);
         if (auto error = co_await connect(line, endpoints))
             co_return finish(*line, std::move(*error));
-        if (auto error = co_await handshake(*line)) co_return finish(*line, std::move(*error));
+        if (auto error = co_await handshake(*line, *authorization))
+            co_return finish(*line, std::move(*error));
         line->generation = mailbox_.opened();
         takeControlFrames(*line);
         ping(line);  // measures the empty line
@@ -201,17 +207,13 @@ private:
         return *line.reason;
     }
 
-    asio::awaitable<std::optional<Error>> handshake(Line& line) {
+    asio::awaitable<std::optional<Error>> handshake(Line& line,
+                                                    std::optional<std::string> authorization) {
         auto& stream = line.stream;
         stream.set_option(websocket::stream_base::timeout{kConnectTimeout,
                                                           websocket::stream_base::none(), false});
-        // Waits here if the token has to be renewed: nothing else happens on this thread meanwhile.
-        const auto authorization =
-            fetch::authorizationFor(address_.host, address_.port, address_.isSecure,
-                                    [this] { return isDestroyed_.load(); });
-        if (!authorization) co_return authorization.error();
         stream.set_option(websocket::stream_base::decorator(
-            [authorization = *authorization](websocket::request_type& request) {
+            [authorization = std::move(authorization)](websocket::request_type& request) {
                 request.set(http::field::user_agent, "usdlive");
                 if (authorization) request.set(http::field::authorization, *authorization);
             }));

@@ -32,8 +32,8 @@ Fetched<ServiceUrl> urlIn(const Json& document, const char* name) {
 HttpLimits issuerLimits() {
     using std::chrono::milliseconds;
     HttpLimits limits;
-    limits.connect = milliseconds(5'000);
-    limits.whole = milliseconds(10'000);
+    limits.connect = milliseconds(3'000);
+    limits.whole = milliseconds(5'000);
     limits.bodyBytes = 256 * 1024;
     return limits;
 }

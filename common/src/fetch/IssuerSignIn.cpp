@@ -26,7 +26,7 @@ constexpr unsigned kGood = 200, kNone = 404;
 constexpr const char* kDeviceGrant = "urn:ietf:params:oauth:grant-type:device_code";
 // A token that ends within this time is renewed before it is sent.
 constexpr std::int64_t kRenewBefore = 30;
-constexpr milliseconds kRenewalWait{6'000}, kRenewalTime{6'000};
+constexpr milliseconds kRenewalWait{6'000};
 // RFC 8628: the pause between two questions without another one, and what `slow_down` adds.
 constexpr seconds kUsualPause{5}, kSlowDown{5}, kLongestPause{60}, kLongestAnswerTime{3'600};
 constexpr milliseconds kLookForStop{100};
@@ -82,14 +82,13 @@ struct Answer {
     }
 };
 
-Fetched<Answer> post(const ServiceUrl& url, const HttpHeaders& fields, const HttpLimits& limits,
-                     const IsStopped& isStopped) {
+Fetched<Answer> post(const ServiceUrl& url, const HttpHeaders& fields, const IsStopped& isStopped) {
     const auto answer = get({.origin = url.origin,
                              .target = url.target,
                              .headers = {{"Accept", "application/json"}},
                              .isPost = true,
                              .form = formOf(fields)},
-                            limits, isStopped);
+                            issuerLimits(), isStopped);
     if (!answer) return tl::unexpected(answer.error());
     Answer parsed{answer->status == kGood, Json::parse(answer->body, nullptr, false), {}};
     parsed.error = textOf(parsed.json, "error");
@@ -196,7 +195,7 @@ private:
                                       const std::function<void(const DevicePrompt&)>& show) const {
         const auto begun =
             post(*issuer.devices, {{"client_id", entrance_.clientId}, {"scope", scopesFor(issuer)}},
-                 issuerLimits(), isStopped_);
+                 isStopped_);
         if (!begun) return unreachableError(ofIssuer(begun.error().cause));
         if (!begun->isGood) return refused(ofIssuer("it answered " + begun->problem()));
         const std::string device = textOf(begun->json, "device_code");
@@ -221,7 +220,7 @@ private:
                                      {{"grant_type", kDeviceGrant},
                                       {"device_code", device},
                                       {"client_id", entrance_.clientId}},
-                                     issuerLimits(), isStopped_);
+                                     isStopped_);
             if (!answer) {  // RFC 8628: ask less often
                 if (!answer.error().isUnreachable && answer.error().status < 500)
                     return unreachableError(ofIssuer(answer.error().cause));
@@ -279,13 +278,11 @@ Fetched<KnownServer> renewed(const KnownServer& server, const IsStopped& isStopp
     if (renewal.refreshToken.empty()) return failed("the issuer gave no means to renew it");
     const auto url = parseServiceUrl(renewal.tokensUrl);
     if (!url) return failed("the address of the issuer cannot be used: " + url.error().cause);
-    HttpLimits limits = issuerLimits();
-    limits.whole = kRenewalTime;
     const auto answer = post(*url,
                              {{"grant_type", "refresh_token"},
                               {"refresh_token", renewal.refreshToken},
                               {"client_id", renewal.clientId}},
-                             limits, isStopped);
+                             isStopped);
     if (!answer) return tl::unexpected(answer.error());
     if (!answer->isGood)
         return failed("the issuer answered " + answer->problem(),

@@ -1,24 +1,18 @@
 // Tests requests over HTTP against a server that sends prepared bytes.
 #include "usdlive/common/fetch/Http.h"
 
-#include <arpa/inet.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <netinet/in.h>
-#include <sys/socket.h>
 #include <zstd.h>
 
 #include <algorithm>
-#include <array>
 #include <atomic>
 #include <chrono>
 #include <cstdlib>
 #include <filesystem>
-#include <mutex>
 #include <thread>
 
-#include "usdlive/common/core/Descriptor.h"
-#include "usdlive/common/core/Thread.h"
+#include "unit/common/fetch/PreparedServer.h"
 #include "usdlive/common/fetch/UsdliveServer.h"
 #include "usdlive/common/net/KnownServers.h"
 
@@ -28,106 +22,6 @@ using namespace std::chrono_literals;
 using testing::HasSubstr;
 
 namespace {
-
-/// A server on loopback. Answers the requests of each connection with prepared bytes, one text for
-/// each, and then closes it. An answer without text is none: the connection stays open.
-class Prepared {
-public:
-    using Answers = std::vector<std::string>;
-
-    explicit Prepared(std::vector<Answers> connections, std::size_t piece = std::string::npos)
-        : connections_(std::move(connections)),
-          piece_(piece),
-          socket_(::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0)) {
-        sockaddr_in place{};
-        place.sin_family = AF_INET;
-        place.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-        socklen_t size = sizeof place;
-        EXPECT_EQ(::bind(socket_.get(), reinterpret_cast<sockaddr*>(&place), size), 0);
-        EXPECT_EQ(::listen(socket_.get(), 8), 0);
-        ::getsockname(socket_.get(), reinterpret_cast<sockaddr*>(&place), &size);
-        origin = {"127.0.0.1", ntohs(place.sin_port)};
-        thread_ = startThread("test server", [this] { work(); });
-    }
-    ~Prepared() {
-        ::shutdown(socket_.get(), SHUT_RDWR);
-        const std::lock_guard lock(mutex_);
-        for (const int one : open_) ::shutdown(one, SHUT_RDWR);
-        isEnding_ = true;
-    }
-
-    /// The requests so far.
-    std::vector<std::string> requests() {
-        const std::lock_guard lock(mutex_);
-        return requests_;
-    }
-    HttpRequest request(const std::string& target = "/") const { return {origin, target}; }
-
-    Origin origin;
-
-private:
-    /// Joins the thread after everything else has ended.
-    struct Joined {
-        std::thread thread;
-        Joined& operator=(std::thread other) {
-            thread = std::move(other);
-            return *this;
-        }
-        ~Joined() { thread.join(); }
-    };
-
-    void work() {
-        for (const Answers& answers : connections_) {
-            const Descriptor line(::accept4(socket_.get(), nullptr, nullptr, SOCK_CLOEXEC));
-            if (!line) return;
-            {
-                const std::lock_guard lock(mutex_);
-                if (isEnding_) return;
-                open_ = {line.get()};
-            }
-            for (const std::string& answer : answers)
-                if (!serve(line.get(), answer)) break;
-            const std::lock_guard lock(mutex_);
-            open_.clear();
-        }
-    }
-
-    bool serve(int line, const std::string& answer) {
-        std::string request;
-        std::array<char, 4096> part{};
-        while (!request.ends_with("\r\n\r\n")) {
-            const ssize_t count = ::recv(line, part.data(), part.size(), 0);
-            if (count <= 0) return false;
-            request.append(part.data(), std::size_t(count));
-        }
-        {
-            const std::lock_guard lock(mutex_);
-            requests_.push_back(request);
-        }
-        if (answer.empty()) return ::recv(line, part.data(), part.size(), 0) > 0;
-        for (std::size_t at = 0; at < answer.size();) {
-            const std::size_t size = std::min(piece_, answer.size() - at);
-            if (::send(line, answer.data() + at, size, MSG_NOSIGNAL) <= 0) return false;
-            at += size;
-            if (piece_ != std::string::npos) std::this_thread::sleep_for(100us);
-        }
-        return true;
-    }
-
-    const std::vector<Answers> connections_;
-    const std::size_t piece_;
-    Joined thread_;
-    const Descriptor socket_;
-    std::mutex mutex_;  // guards the next members
-    std::vector<std::string> requests_;
-    std::vector<int> open_;
-    bool isEnding_ = false;
-};
-
-std::string ok(const std::string& body, const std::string& headers = "") {
-    return "HTTP/1.1 200 OK\r\n" + headers + "Content-Length: " + std::to_string(body.size()) +
-           "\r\n\r\n" + body;
-}
 
 const std::string kChunks =
     "HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\n\r\n5\r\nhello\r\n6;a=b\r\n world\r\n"
@@ -249,6 +143,19 @@ TEST(Http, ARefusedConnectionHasItsError) {
     EXPECT_EQ(answer.error().error, ECONNREFUSED);
     EXPECT_EQ(answer.error().cause, "Connection refused");
     EXPECT_TRUE(answer.error().isUnreachable);
+}
+
+TEST(Http, SendsAForm) {
+    Prepared server({{ok("yes")}});
+    HttpRequest request = server.request("/form");
+    request.isPost = true;
+    request.form = formOf({{"a b", "1&2=3"}, {"c", ""}, {"d", "\n"}});
+    EXPECT_EQ(get(request, {}).value().body, "yes");
+    ASSERT_EQ(server.requests().size(), 1u);
+    const std::string sent = server.requests().front();
+    EXPECT_TRUE(sent.starts_with("POST /form HTTP/1.1\r\n")) << sent;
+    EXPECT_THAT(sent, HasSubstr("\r\nContent-Type: application/x-www-form-urlencoded\r\n"));
+    EXPECT_TRUE(sent.ends_with("\r\n\r\na%20b=1%262%3D3&c=&d=%0A")) << sent;
 }
 
 TEST(Http, StopsWhenItIsAsked) {

@@ -19,12 +19,12 @@ struct Issuer {
     std::vector<std::string> scopes;    ///< that it names; may be empty
 };
 
-/// The limits for requests to an issuer: 10 s, 256 KiB.
+/// The limits for requests to an issuer: 5 s, 256 KiB.
 [[nodiscard]] HttpLimits issuerLimits();
 
 /// Reads `URL/.well-known/openid-configuration`. The document has to name this URL as its issuer,
 /// character by character, and only encrypted addresses, except on this machine. Blocks for at most
-/// 10 s; ends soon after `isStopped`, which may be empty, returns true. Any thread.
+/// 5 s; ends soon after `isStopped`, which may be empty, returns true. Any thread.
 [[nodiscard]] Fetched<Issuer> discover(const std::string& url,
                                        const std::function<bool()>& isStopped = {});
 
