@@ -121,8 +121,7 @@ void AccessControl::entered(const HttpTarget& target, const SignedIn& user,
 
 HttpPage AccessControl::refused(std::string_view peer, std::string_view why, HttpReply reply,
                                 std::string_view reason) {
-    audit_.record(
-        {.event = why, .from = std::string(peer), .detail = std::string(reason)});
+    audit_.record({.event = why, .from = std::string(peer), .detail = std::string(reason)});
     const milliseconds delay = signIn_.refused(std::string(peer), steady_clock::now());
     if (delay < SignIn::kMostDelay && reason.empty())
         log_.write(LogLevel::Warning, why, {{"from", peer}, {"answeredAfterMs", delay.count()}});

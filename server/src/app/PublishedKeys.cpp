@@ -13,16 +13,9 @@ namespace asio = boost::asio;
 
 namespace {
 
-using std::chrono::hours;
 using std::chrono::milliseconds;
-using std::chrono::seconds;
 using std::chrono::steady_clock;
 
-constexpr hours kRefresh{1};
-constexpr hours kKeysLast{24};
-constexpr seconds kFirstRetry{2}, kLongestRetry{60};
-// The pause between two questions that tokens with an unknown key cause.
-constexpr seconds kLookPause{30};
 constexpr milliseconds kLookAtFile{500};
 constexpr unsigned kAnswered = 200;
 
@@ -47,8 +40,7 @@ PublishedKeys::PublishedKeys(asio::io_context& io, std::string issuer, std::file
       file_(std::move(file)),
       take_(std::move(take)),
       workers_(workers.files.share()),
-      timer_(io),
-      retryPause_(kFirstRetry) {}
+      timer_(io) {}
 
 PublishedKeys::~PublishedKeys() { stop(); }
 
@@ -74,13 +66,13 @@ void PublishedKeys::stop() {
 
 bool PublishedKeys::canLook() const {
     if (!file_.path().empty()) return false;
-    return isAsking_ || !lookedAt_ || steady_clock::now() - *lookedAt_ >= kLookPause;
+    return isAsking_ || schedule_.mayLook(steady_clock::now());
 }
 
 void PublishedKeys::look(std::function<void()> done) {
     waiting_.push_back(std::move(done));
     if (isAsking_) return;
-    lookedAt_ = steady_clock::now();
+    schedule_.looked(steady_clock::now());
     ask();
 }
 
@@ -106,31 +98,26 @@ void PublishedKeys::ask() {
 
 void PublishedKeys::answered(Result<IssuerKeys> keys) {
     isAsking_ = false;
-    if (keys) {
-        if (isFailing_ || !readAt_)
-            log_.write(LogLevel::Info, "the issuer's keys were read",
-                       {{"issuer", issuer_}, {"keys", keys->keys().size()}});
-        readAt_ = steady_clock::now();
-        retryPause_ = kFirstRetry;
+    const auto now = steady_clock::now();
+    const auto next = keys ? schedule_.read(now) : schedule_.failed(now);
+    if (keys && next.isChange)
+        log_.write(LogLevel::Info, "the issuer's keys were read",
+                   {{"issuer", issuer_}, {"keys", keys->keys().size()}});
+    if (!keys && next.isChange)
+        log_.write(LogLevel::Error,
+                   schedule_.hasKeys()
+                       ? "the issuer does not give its keys; the last ones count for a day"
+                       : "the issuer does not give its keys; nobody can sign in with it until it "
+                         "does",
+                   {{"issuer", issuer_}, {"error", keys.error().message}});
+    if (next.endsKeys)
+        log_.write(LogLevel::Error, "the issuer's keys are older than a day and do not count",
+                   {{"issuer", issuer_}});
+    if (keys)
         take_(std::move(*keys));
-        askIn(kRefresh);
-    } else {
-        if (!isFailing_)
-            log_.write(LogLevel::Error,
-                       readAt_ ? "the issuer does not give its keys; the last ones count for a day"
-                               : "the issuer does not give its keys; nobody can sign in with it "
-                                 "until it does",
-                       {{"issuer", issuer_}, {"error", keys.error().message}});
-        if (readAt_ && steady_clock::now() - *readAt_ > kKeysLast) {
-            log_.write(LogLevel::Error, "the issuer's keys are older than a day and do not count",
-                       {{"issuer", issuer_}});
-            readAt_.reset();
-            take_(std::nullopt);
-        }
-        askIn(retryPause_);
-        retryPause_ = std::min<steady_clock::duration>(2 * retryPause_, kLongestRetry);
-    }
-    isFailing_ = !keys;
+    else if (next.endsKeys)
+        take_(std::nullopt);
+    askIn(next.pause);
     for (const auto& done : std::exchange(waiting_, {})) done();
 }
 

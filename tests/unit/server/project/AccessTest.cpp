@@ -158,6 +158,51 @@ TEST_F(ProjectAccess, AC4AChangedRoleEndsTheSession) {
     EXPECT_EQ(world.project->durableRevision(), before);
 }
 
+TEST_F(ProjectAccess, AC23ASessionEndsWithItsSignIn) {
+    const auto enter = [&](SessionId session, std::int64_t end) {
+        SignedIn proof = user(session, Role::Editor);
+        proof.issued = IssuedSignIn{{"lighting"}, end, Role::None};
+        world.project->connected(session, proof);
+        world.receive(session, ControlMessage(world.hello(session)));
+        (void)world.nextControl<Welcome>(session);
+        world.host.sent[session].clear();
+    };
+    EXPECT_FALSE(world.project->endSignIns(1'000));  // nobody is signed in by an issuer
+    enter(11, 1'000);
+    enter(12, 1'001);
+    world.host.sent.clear();
+    EXPECT_TRUE(world.project->endSignIns(999));
+    EXPECT_TRUE(world.silent(11) && world.silent(12));
+    EXPECT_TRUE(world.project->endSignIns(1'000));
+    const auto error = world.nextControl<ErrorMessage>(11);
+    EXPECT_EQ(error.code, "signInRequired");
+    EXPECT_NE(error.message.find("usdlive login"), std::string::npos);
+    EXPECT_TRUE(world.silent(12) && world.silent(kEditor));
+    const Revision before = world.project->durableRevision();
+    world.submit(11, 1, {set("/A.x", 9)}, 0);
+    world.store();
+    EXPECT_EQ(world.project->durableRevision(), before);
+    EXPECT_FALSE(world.project->endSignIns(1'001));
+    EXPECT_EQ(world.nextControl<ErrorMessage>(12).code, "signInRequired");
+    EXPECT_TRUE(world.silent(kEditor));
+}
+
+TEST_F(ProjectAccess, AC6GroupsOfTheIssuerGiveRights) {
+    SignedIn proof = user(21, Role::Viewer);
+    proof.issued = IssuedSignIn{{"lighting"}, 1'000, Role::None};
+    world.project->connected(21, proof);
+    world.receive(21, ControlMessage(world.hello(21)));
+    ASSERT_FALSE(refusal(kAdmin, {create("/C")}));
+    expectForbidden(21, {note("/C")}, "is a viewer");
+    setRules(R"({"effect": "allow", "groups": ["lighting"], "paths": ["/A/**"]})");
+    EXPECT_FALSE(refusal(21, {note("/A")}));
+    expectForbidden(21, {note("/C")}, "no rule allows it");
+    expectForbidden(kViewer, {note("/A")}, "is a viewer");
+    // A denial counts for groups, too.
+    setRules(R"({"effect": "deny", "groups": ["lighting"]}, {"effect": "allow"})");
+    expectForbidden(21, {note("/A")}, "rule 1 denies everything to the group lighting");
+}
+
 TEST_F(ProjectAccess, AC4ATransactionThatWaitsIsRefused) {
     // The layer is not loaded yet, so the transactions wait.
     world.submit(kEditor, 1, {set("/A.x", 9, {"b.usda"})}, 0);

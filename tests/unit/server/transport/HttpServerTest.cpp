@@ -151,6 +151,18 @@ protected:
                 workers_.emplace_back([answer] { answer({"text/plain", "from another thread"}); });
             });
         if (path == "/never") return HttpPage([](const HttpAnswer&) {});
+        if (path == "/again" && !isFetched_)
+            return HttpAgain{[this](std::function<void()> ready) {
+                workers_.emplace_back([this, ready] {
+                    isFetched_ = true;
+                    ready();
+                    ready();  // the second call is ignored
+                });
+            }};
+        if (path == "/again") return HttpReply{"text/plain", "it was fetched"};
+        if (path == "/always%20again")
+            return HttpAgain{[](const std::function<void()>& ready) { ready(); }};
+        if (path == "/never%20again") return HttpAgain{[](const std::function<void()>&) {}};
         if (path == "/content")
             return HttpPage([this](const HttpAnswer& answer) {
                 HttpReply reply{"application/octet-stream", {}};
@@ -264,6 +276,7 @@ protected:
     std::shared_ptr<WebSocketTransport> server_;
     std::unique_ptr<HttpServer> http_;
     std::thread thread_;
+    std::atomic<bool> isFetched_ = false;
     std::vector<std::thread> workers_;  // one for each job
     std::uint16_t port_ = 0;
     std::size_t joined_ = 0;
@@ -381,6 +394,19 @@ TEST_F(HttpServerTest, AnswersLaterOrReportsATimeout) {
     EXPECT_THAT(http("GET /never HTTP/1.1\r\nHost: x\r\n\r\n"), StartsWith("HTTP/1.1 503"));
 }
 
+TEST_F(HttpServerTest, AC24ARequestWaitsForWhatTheRouterNeeds) {
+    HttpServerOptions options;
+    options.headerTime = 400ms;
+    options.answerTime = 200ms;
+    start({}, options);
+    EXPECT_THAT(http("GET /again HTTP/1.1\r\nHost: x\r\n\r\n"),
+                HasSubstr("\r\n\r\nit was fetched"));
+    EXPECT_THAT(http("GET /again HTTP/1.1\r\nHost: x\r\n\r\n"), StartsWith("HTTP/1.1 200"));
+    for (const char* path : {"/always%20again", "/never%20again"})
+        EXPECT_THAT(http("GET " + std::string(path) + " HTTP/1.1\r\nHost: x\r\n\r\n"),
+                    StartsWith("HTTP/1.1 503"));
+}
+
 TEST_F(HttpServerTest, RefusesOtherHttp) {
     start();
     EXPECT_THAT(http("GET / HTTP/1.1\r\nHost: x\r\n\r\n"), StartsWith("HTTP/1.1 404"));
@@ -397,7 +423,7 @@ TEST_F(HttpServerTest, RefusesOtherHttp) {
 TEST_F(HttpServerTest, RefusesLargeHeaders) {
     start();
     EXPECT_THAT(
-        http("GET /healthz HTTP/1.1\r\nHost: x\r\nX: " + std::string(9000, 'x') + "\r\n\r\n"),
+        http("GET /healthz HTTP/1.1\r\nHost: x\r\nX: " + std::string(25'000, 'x') + "\r\n\r\n"),
         StartsWith("HTTP/1.1 431"));
 }
 

@@ -14,6 +14,7 @@
 
 #include "usdlive/server/app/Workers.h"
 #include "usdlive/server/auth/IssuerKeysFile.h"
+#include "usdlive/server/auth/KeySchedule.h"
 #include "usdlive/server/transport/Log.h"
 
 namespace usdlive::server {
@@ -57,11 +58,8 @@ private:
     const std::shared_ptr<std::atomic<bool>> isStopped_ = std::make_shared<std::atomic<bool>>();
     std::vector<std::function<void()>> waiting_;
     bool isAsking_ = false;
-    bool isFailing_ = false;  ///< the last answer was an error
-    std::chrono::steady_clock::duration retryPause_;
-    std::optional<std::chrono::steady_clock::time_point> readAt_;    ///< the present keys
-    std::optional<std::chrono::steady_clock::time_point> lookedAt_;  ///< last, for a token
-    std::optional<std::string> stamp_;                               ///< that of the file
+    KeySchedule schedule_;
+    std::optional<std::string> stamp_;  ///< that of the file
     const std::shared_ptr<int> life_ = std::make_shared<int>();
 };
 
