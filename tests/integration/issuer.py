@@ -8,6 +8,7 @@ from __future__ import annotations
 import http.server
 import json
 import secrets
+import ssl
 import threading
 import time
 import urllib.parse
@@ -16,10 +17,11 @@ from joserfc import jwk, jws
 
 
 class Issuer:
-    """An issuer of one realm. `claims` are those of the user who signs in, `lifetime` that of tokens in seconds."""
+    """An issuer of one realm. `claims` are those of the user who signs in, `lifetime` that of tokens in seconds.
+    `certificate`: the files of a certificate and its key, for https."""
 
-    def __init__(self, port: int, client: str = "usdlive"):
-        self.port, self.client, self.lifetime = port, client, 300
+    def __init__(self, port: int, client: str = "usdlive", certificate: tuple[str, str] | None = None):
+        self.port, self.client, self.lifetime, self.certificate = port, client, 300, certificate
         self.claims = {"sub": "f3a9", "email": "ann@studio.example", "email_verified": True, "groups": ["lighting"]}
         self.keys: list = []
         self.codes: dict[str, dict] = {}  # by device code
@@ -31,7 +33,7 @@ class Issuer:
 
     @property
     def url(self) -> str:
-        return f"http://127.0.0.1:{self.port}/realms/film"
+        return f"{'https' if self.certificate else 'http'}://127.0.0.1:{self.port}/realms/film"
 
     def start(self) -> "Issuer":
         issuer = self
@@ -59,6 +61,10 @@ class Issuer:
 
         http.server.ThreadingHTTPServer.allow_reuse_address = True
         self.server = http.server.ThreadingHTTPServer(("127.0.0.1", self.port), Handler)
+        if self.certificate:
+            context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+            context.load_cert_chain(*self.certificate)
+            self.server.socket = context.wrap_socket(self.server.socket, server_side=True)
         threading.Thread(target=self.server.serve_forever, args=(0.05,), daemon=True).start()
         return self
 

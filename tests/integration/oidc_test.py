@@ -14,7 +14,8 @@ import pytest
 import usdlive
 from conftest import Server, unused_port, wait
 from issuer import Issuer
-from pxr import Sdf, Usd
+from pxr import Sdf
+from tls_test import Authority
 
 ROOT = '#usda 1.0\n\ndef Sphere "Ball"\n{\n    double radius = 1\n}\n'
 
@@ -50,10 +51,10 @@ class Studio:
         self.monkeypatch.setenv("XDG_CONFIG_HOME", str(home))
         return home / "usdlive" / "servers.json"
 
-    def login(self, approve=True) -> subprocess.CompletedProcess:
+    def login(self, approve=True, scheme="") -> subprocess.CompletedProcess:
         """Runs `usdlive login`; the test answers in place of a browser."""
-        process = subprocess.Popen([os.environ["USDLIVE_BIN"], "login", f"127.0.0.1:{self.server.port}"], text=True,
-                                   stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        process = subprocess.Popen([os.environ["USDLIVE_BIN"], "login", f"{scheme}127.0.0.1:{self.server.port}"],
+                                   text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
         if approve:
             threading.Timer(0.3, self.issuer.approve).start()
         output, errors = process.communicate(timeout=40)
@@ -326,6 +327,42 @@ def test_wrong_tokens_over_the_wire(studio, issuer):
     # A token may have 16 KiB.
     wait(lambda: here.get("/projects", issuer.token(x="x" * 11_000))[0] == 200)
     assert here.get("/projects", issuer.token(x="x" * 16_000))[0] in (401, 431)
+
+
+def test_everything_encrypted(tmp_path, project, monkeypatch):
+    """EN4, EN5, AC24, AC26: an issuer with a studio's own authority, and a server with its own certificate."""
+    authority = Authority(tmp_path / "authority")
+    issuer = Issuer(unused_port(), certificate=authority.sign("IP:127.0.0.1")).start()
+    here = Studio(issuer, project, tmp_path, monkeypatch, "--oidc-role", "viewer", "--tls", "auto")
+    wait(lambda: here.logs("the issuer does not give its keys"))  # nobody has certified it
+    assert here.server.stop() == 0
+    monkeypatch.setenv("USDLIVE_CA", str(authority.file))
+    here.server.start()
+    file = here.be("ann")
+    assert "this server speaks TLS: use wss://" in here.login(approve=False).stderr
+    assert not file.exists()
+    ran = here.login(scheme="wss://")
+    assert ran.returncode == 0, ran.stderr
+    entry = here.entry(file)
+    assert entry["tls"] and entry["pin"].startswith("sha256:")
+    monkeypatch.delenv("USDLIVE_CA")  # the server is known by its certificate
+    assert "root.usda" in command("ls", f"127.0.0.1:{here.server.port}")
+    plain = subprocess.run([os.environ["USDLIVE_BIN"], "ls", f"ws://127.0.0.1:{here.server.port}"],
+                           capture_output=True, text=True)
+    assert plain.returncode == 1 and "speaks TLS" in plain.stderr
+    # Without the authority, nobody renews the token at an issuer that could be anybody.
+    servers = json.loads(file.read_text())
+    servers["servers"][f"127.0.0.1:{here.server.port}"]["renewal"]["endsAt"] = int(time.time()) - 1
+    file.write_text(json.dumps(servers))
+    asked = len(issuer.requests)
+    ran = subprocess.run([os.environ["USDLIVE_BIN"], "ls", f"127.0.0.1:{here.server.port}"], capture_output=True,
+                         text=True)
+    assert ran.returncode == 1 and "could not be renewed" in ran.stderr and len(issuer.requests) == asked
+    monkeypatch.setenv("USDLIVE_CA", str(authority.file))
+    assert "root.usda" in command("ls", f"127.0.0.1:{here.server.port}")
+    assert issuer.requests[asked:] == ["/realms/film/token"]
+    assert here.server.stop() == 0
+    issuer.stop()
 
 
 def test_the_token_is_nowhere_else(studio, issuer, tmp_path):
