@@ -185,7 +185,7 @@ def test_roles_come_from_accounts_and_groups_from_the_issuer(studio, issuer, pro
     with usdlive.connect(here.server.url) as ann:
         assert ann.role == "viewer"
         layer = ann.open_layer("root.usda")
-        layer.SetPermissionToEdit(True)
+        assert layer.permissionToEdit  # by the rule for the group (AC8)
         before = ann.revision
         radius_of(layer).default = 3.0
         ann.flush()
@@ -193,6 +193,7 @@ def test_roles_come_from_accounts_and_groups_from_the_issuer(studio, issuer, pro
     here.sign_in("ann", groups=["film"])
     with usdlive.connect(here.server.url) as ann:
         layer = ann.open_layer("root.usda")
+        assert not layer.permissionToEdit
         layer.SetPermissionToEdit(True)
         before = ann.revision
         radius_of(layer).default = 4.0
