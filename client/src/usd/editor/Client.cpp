@@ -179,7 +179,7 @@ void Client::beginUndoGroup(const std::string& label) {
 }
 void Client::endUndoGroup() { here("endUndoGroup").setUndoGroup(nullptr); }
 Client::UndoGroup::UndoGroup(Client& client, const std::string& label) : client_(client) {
-    client_.beginUndoGroup(label);
+    client_.here("undoGroup").setUndoGroup(&label);
 }
 Client::UndoGroup::~UndoGroup() {
     // On another thread the group stays open: a destructor reports nothing.
