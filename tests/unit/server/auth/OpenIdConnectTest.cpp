@@ -226,7 +226,7 @@ TEST_F(OpenIdConnect, AttackWeakKeys) {
     EXPECT_FALSE(IssuerKeys::parse(Json{{"keys", {weak.published()}}}.dump()));
     // A short key with zeros before it is a short key.
     Json padded = TestKey::rsa("padded", 1024).published();
-    padded["n"] = "AAAAAAAAAAAAAAAA" + padded["n"].get<std::string>();
+    padded["n"] = std::string(172, 'A') + padded["n"].get<std::string>();  // 129 bytes
     EXPECT_FALSE(IssuerKeys::parse(Json{{"keys", {padded}}}.dump()));
 }
 
@@ -426,6 +426,10 @@ TEST_F(OpenIdConnect, AttackForms) {
         EXPECT_EQ(problem(more + good), NotBase64Url) << more;
     }
     EXPECT_EQ(problem(good + std::string(1, '\0')), Signature);
+    // The last character of 256 bytes has four spare bits. With others set, the bytes are the same.
+    std::string spare = good;
+    spare.back() = char(spare.back() + 1);
+    EXPECT_EQ(problem(spare), Signature);
     // Each changed byte of the claims changes the signature.
     for (std::size_t at = first + 1; at < second; at += 7) {
         std::string changed = good;
