@@ -297,3 +297,36 @@ def test_the_undo_of_one_edit_takes_as_long_in_a_large_layer(project, serve):
                 assert layer.GetAttributeAtPath(f"/P/a{i}.v").default == 1 and ada.flush()
             least[count] = min(took)
     assert least[16 * N] < 4 * least[FEW] + SHORT, least
+
+
+def test_a_child_of_many_goes_as_fast_as_by_sdf(project, serve):
+    """Sdf looks at all siblings to remove one. The undo of a new prim, and the deletion of a colleague, do so once more at
+    most."""
+    (project / "many.usda").write_text(
+        '#usda 1.0\ndef "P" {\n' + "\n".join(f'def "a{i}" {{}}' for i in range(16 * N)) + "\n}")
+    url, took = serve(project).url, collections.defaultdict(list)
+
+    def time_of(what: str, do) -> None:
+        start = time.thread_time()
+        do()
+        took[what].append(time.thread_time() - start)
+
+    with usdlive.connect(url, user="ada") as ada, usdlive.connect(url, user="bob") as bob:
+        layer, followed = ada.open_layer("many.usda"), bob.open_layer("many.usda")
+        for i in range(5):
+            prims = layer.GetPrimAtPath("/P").nameChildren
+            for name in (f"one{i}", f"two{i}"):
+                Sdf.PrimSpec(layer.GetPrimAtPath("/P"), name, Sdf.SpecifierDef)
+                assert ada.flush()
+            wait(lambda i=i: followed.GetPrimAtPath(f"/P/two{i}"), bob)
+            time_of("undo", ada.undo)
+            assert not layer.GetPrimAtPath(f"/P/two{i}")
+            time_of("sdf", lambda prims=prims, i=i: prims.__delitem__(f"one{i}"))
+            assert ada.flush()
+            end = time.monotonic() + 10
+            while followed.GetPrimAtPath(f"/P/two{i}"):
+                assert time.monotonic() < end
+                time_of(f"follow {i}", bob.tick)
+    sdf = min(took["sdf"])
+    assert min(took["undo"]) < 4 * sdf + SHORT, dict(took)
+    assert min(max(took[f"follow {i}"]) for i in range(5)) < 8 * sdf + SHORT, dict(took)

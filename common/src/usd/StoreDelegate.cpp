@@ -134,12 +134,25 @@ void SdfLayerStore::Delegate::deleteBelow(const Path& path) {
     DeleteSpec(path, true);
 }
 
+/// Returns whether `all` has the names `some` in this order, perhaps with others between them.
+static bool isInOrderOf(const pxr::TfTokenVector& some, const pxr::TfTokenVector& all) {
+    auto next = some.begin();
+    for (const auto& name : all)
+        if (next != some.end() && *next == name) ++next;
+    return next == some.end();
+}
+
 // Sdf reports a reordering when a list is replaced by the same names in another order.
 void SdfLayerStore::Delegate::setChildren(const Path& parent, ChildList list,
                                           const pxr::TfTokenVector& names) {
     const Token& field = childrenField(list);
     const auto before = data().GetAs<pxr::TfTokenVector>(parent, field);
     if (names == before) return;
+    // The usual case, which takes less time than the sets below: children were only removed, or
+    // only added.
+    if (names.size() != before.size() && !names.empty() &&
+        (isInOrderOf(names, before) || isInOrderOf(before, names)))
+        return void(SetField(parent, field, pxr::VtValue(names)));
     using TokenSet = std::unordered_set<Token, Token::HashFunctor>;
     const TokenSet old(before.begin(), before.end()), now(names.begin(), names.end());
     const auto isNew = [&](const Token& name) {
