@@ -22,7 +22,7 @@ LINES = {"ls": [], "who": [], "cat": ["root.usda"], "tree": ["root.usda"], "dump
 OPTIONS = {"dump": ["--composed"]}
 # These ask no server, or one that they are told in another way.
 LOCAL = {"access": ["--help"], "audit": ["--help"], "completion": ["bash"], "deny": ["--help"],
-         "forget": ["127.0.0.1:1"], "grant": ["--help"], "help": [], "join": [], "revoke": ["--help"],
+         "forget": ["127.0.0.1:1"], "grant": ["--help"], "help": [], "join": [], "login": ["--help"], "revoke": ["--help"],
          "serve": ["--help"], "user": ["--help"]}
 LEAST = {"cat": 1, "tree": 1, "dump": 1, "flatten": 1, "upload": 2, "checkpoint": 1, "mute": 2, "unmute": 2, "lock": 1,
          "unlock": 1}

@@ -120,7 +120,7 @@ WORDS = {
     "unmute": [[NONE, "shot.usda"], ["shot.usda", NONE]], "lock": [[NONE], ["locked.usda", NONE]],
     "unlock": [[NONE], ["locked.usda", NONE]], "help": [["nothing"]], "completion": [["nothing"]]}
 WITHOUT_NAMES = {"ls", "who", "checkpoints", "checkpoint", "compact", "stat", "serve", "forget", "join", "user", "access",
-                 "grant", "deny", "revoke", "audit"}
+                 "grant", "deny", "revoke", "audit", "login"}
 
 
 def ended(*words):
@@ -181,6 +181,7 @@ CALLS = {
     "close_layer": [lambda live: live.close_layer(NONE), lambda live: live.close_layer("other.usda")],
     "save": [lambda live: live.save(NONE), lambda live: live.save("shot.usda", NONE)],
     "reload": [lambda live: live.reload(NONE)],
+    "may_edit": [lambda live: live.may_edit(NONE)],
     "lock": [lambda live: live.lock(NONE), lambda live: live.lock("other.usda")],
     "unlock": [lambda live: live.unlock(NONE), lambda live: live.unlock("other.usda")],
     "mute": [lambda live: live.mute(NONE, "shot.usda"), lambda live: live.mute("shot.usda", NONE),

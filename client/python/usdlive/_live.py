@@ -678,7 +678,8 @@ class Live:
         the layer's lock, so that an editor can grey out what is refused. Asks nobody and does not wait. `kind` is one of
         "transform", "geometry", "shading", "animation", "variants", "composition", "schema", "metadata", "namespace"
         and "property"; None means any one of them. After an `events.RightsChanged` or `events.LayerStatesChanged` the
-        answer may be another one. Raises an Error for another kind, and while the project is not known."""
+        answer may be another one. Raises an Error for another kind, for a layer that the project does not have, and while
+        the project is not known."""
         return events.Permission(*self._client.may_edit(layer, path, kind or ""))
 
     @property

@@ -341,6 +341,8 @@ Result<Client::Permission> Client::mayEdit(const LayerId& layer, const std::stri
         return fail(ErrorCode::InvalidArgument,
                     inQuotes(kind) + " is not a kind of opinion; they are " + names);
     }
+    if (!impl_->layers().ofProject().contains(layer))
+        return fail(ErrorCode::LayerNotFound, "the project has no layer " + layer.value);
     if (const auto holder = impl_->layers().foreignLock(layer))
         return Permission{false, layer.value + " is locked by " + holder->value};
     const client::OwnRights& rights = session.rights();

@@ -352,7 +352,7 @@ public:
     /// wait. `path` names a prim or property; `kind` is a kind of opinion (AC7), for example
     /// "transform"; empty: any one. The server decides again when it orders an edit. After
     /// event::RightsChanged and event::LayerStatesChanged the answer may be another one. Errors:
-    /// InvalidArgument (path, kind), NotConnected (the project is not known yet).
+    /// InvalidArgument (path, kind), LayerNotFound, NotConnected (the project is not known yet).
     [[nodiscard]] Result<Permission> mayEdit(const LayerId& layer, const std::string& path,
                                              std::string_view kind = {}) const;
     [[nodiscard]] std::filesystem::path cacheFolder() const;
