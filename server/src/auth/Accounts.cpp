@@ -125,6 +125,8 @@ Result<Accounts> Accounts::parse(std::string_view text) try {
         const std::size_t line = std::size_t(
             std::ranges::count(text.substr(0, std::min(text.size(), error.byte)), '\n'));
         throw Wrong{"line " + std::to_string(line + 1) + " is not JSON"};
+    } catch (const Json::out_of_range&) {
+        throw Wrong{"it has a number that is too large"};
     }
     const Json& format = member(json, "format", "the file");
     if (!format.is_number_integer() || format.get<std::int64_t>() != kFormat)
