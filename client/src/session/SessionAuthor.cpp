@@ -99,7 +99,7 @@ bool Session::Impl::writeAgain(std::vector<AuthoredEdit>& edits) {
     undo_.begin({});
     for (std::size_t index = 0; index < edits.size(); ++index) {
         Prognosis unchanged;
-        Inverse inverse = inverseOf(edits[index]);
+        Inverse inverse = inverseOf(*pending, edits[index]);
         const auto addressed = prediction_.author(edits[index], number(index), unchanged);
         if (!addressed) {
             if (lost.edits.empty()) lost.reason = addressed.error();
@@ -135,7 +135,7 @@ Pending Session::Impl::newPending() {
 void Session::Impl::authorInto(Pending& pending, std::vector<AuthoredEdit> edits, LostWork& lost,
                                Repairs& repairs) {
     for (AuthoredEdit& edit : edits) {
-        Inverse inverse = inverseOf(edit);
+        Inverse inverse = inverseOf(pending, edit);
         Result<Edit> addressed = predictEdit(pending, edit);
         // Nothing is lost if nothing is at this place.
         if (!addressed && concernsPlace(edit.action)) continue;
@@ -157,7 +157,6 @@ void Session::Impl::accept(Pending& pending, Edit addressed, AuthoredEdit edit, 
     if (!gesture_) collectBlobs(edit.action, pending.blobs);
     if (frozen_) pending.carried.push_back(edit);
     std::size_t index = pending.transaction.edits.size();
-    const AuthoredEdit noted = edit;
     if (gesture_ && !frozen_) {
         const std::size_t added = gesture_->add(std::move(addressed), std::move(edit));
         if (added != index) pending.prognosis.touched.pop_back();
@@ -166,12 +165,14 @@ void Session::Impl::accept(Pending& pending, Edit addressed, AuthoredEdit edit, 
         pending.transaction.edits.push_back(std::move(addressed));
         pending.authored.push_back(std::move(edit));
     }
-    noteForUndo(pending.transaction.id.sequence, index, noted, std::move(inverse));
+    noteForUndo(pending.transaction.id.sequence, index, pending.authored[index],
+                std::move(inverse));
 }
 
 // Edits that the editor makes while its layers are joined again cannot be undone: nobody knows what
 // others have written meanwhile.
-Inverse Session::Impl::inverseOf(const AuthoredEdit& edit) const {
+Inverse Session::Impl::inverseOf(const Pending& pending, const AuthoredEdit& edit) const {
+    if (undo_.goesWithCreated(pending.transaction.id.sequence, edit)) return {};
     const LayerDoc* doc = frozen_ ? nullptr : view(edit.layer);
     return doc ? inverseBefore(*doc, edit.path, edit.action) : Inverse();
 }
@@ -279,7 +280,7 @@ Result<UndoResult> Session::Impl::takeBack(UndoStack::Direction direction) {
     if (!undo_.hasStep(direction)) return UndoResult{};
     Pending pending = newPending();
     const auto author = [&](AuthoredEdit edit) -> Result<void> {
-        Inverse inverse = inverseOf(edit);
+        Inverse inverse = inverseOf(pending, edit);
         Result<Edit> addressed = predictEdit(pending, edit);
         if (!addressed && concernsPlace(edit.action)) return {};
         if (!addressed) return tl::unexpected(std::move(addressed.error()));

@@ -44,6 +44,8 @@ bool asPredicted(const Pending& own, const Commit& commit) {
 class Session::Impl::OwnCommit final : public AppliedEdits {
 public:
     explicit OwnCommit(const Commit& commit) : first_(commit.edits.data()) {
+        numbers_.reserve(commit.edits.size());
+        executed_.reserve(commit.edits.size());
         SubmittedIndexes indexes(commit.dropped);
         for (std::size_t edit = 0; edit < commit.edits.size(); ++edit)
             numbers_.push_back(indexes.next());

@@ -189,7 +189,7 @@ private:
     Result<Edit> predictEdit(Pending& pending, const AuthoredEdit& edit);
     void accept(Pending& pending, Edit addressed, AuthoredEdit edit, Inverse inverse);
     [[nodiscard]] std::optional<Error> tooManyUnsent() const;
-    [[nodiscard]] Inverse inverseOf(const AuthoredEdit& edit) const;
+    [[nodiscard]] Inverse inverseOf(const Pending& pending, const AuthoredEdit& edit) const;
     void noteForUndo(std::uint64_t sequence, std::size_t index, const AuthoredEdit& edit,
                      Inverse inverse);
     void finishRebuild();

@@ -137,6 +137,7 @@ void UndoStack::unlist(const Site& old) {
 
 // `from` is a copy: it may be the path of one of them.
 void UndoStack::moveSites(const LayerId& layer, const std::string from, const std::string& to) {
+    created_.reset();
     const auto sites = sites_.find(layer);
     if (sites == sites_.end() || from == to) return;
     // The variants of a set begin with "/A{set=", without the brace at the end.
@@ -217,6 +218,7 @@ void UndoStack::bound() {
 }
 
 void UndoStack::clear() {
+    created_.reset();
     undo_.clear();
     redo_.clear();
     unread_.clear();
@@ -230,6 +232,7 @@ void UndoStack::clear() {
 }
 
 void UndoStack::forget(const LayerId& layer) {
+    created_.reset();
     if (!sites_.contains(layer)) return;
     std::erase_if(unread_, [&](const Unread& one) { return one.edit.layer == layer; });
     const auto forgetIn = [&](Step& step) {
@@ -276,6 +279,13 @@ bool UndoStack::isInOwnCreation(std::uint64_t sequence, const LayerId& layer,
     return isOwn;
 }
 
+bool UndoStack::goesWithCreated(std::uint64_t sequence, const AuthoredEdit& edit) const {
+    return created_ && created_->sequence == sequence && created_->layer == edit.layer &&
+           !std::holds_alternative<MoveSpec>(edit.action) &&
+           !std::holds_alternative<DeleteSpec>(edit.action) &&
+           specpath::hasPrefix(edit.path, created_->path);
+}
+
 void UndoStack::insert(Part& part, Entry entry) {
     const auto at = std::ranges::upper_bound(part.entries, entry.index, {}, &Entry::index);
     part.entries.insert(at, std::move(entry));
@@ -302,6 +312,7 @@ std::optional<UndoStack::Entry> UndoStack::entryOf(Part& part, const LayerId& la
         if (isOwn) return std::nullopt;
         entry.site = site(layer, path);
         entry.site->createdIn = sequence;
+        created_ = Created{sequence, layer, path};
     } else if (const auto* deleted = std::get_if<DeletedSpec>(&inverse)) {
         noteParent(deleted->next);
         entry.name = specpath::last(path).name;
@@ -356,6 +367,7 @@ void UndoStack::add(std::uint64_t sequence, std::uint32_t index, const AuthoredE
 }
 
 void UndoStack::removed(std::uint64_t sequence, std::uint32_t index) {
+    created_.reset();
     const auto parts = pending_.find(sequence);
     if (parts == pending_.end()) return;
     for (const auto& known : parts->second) {
@@ -368,6 +380,7 @@ void UndoStack::removed(std::uint64_t sequence, std::uint32_t index) {
 }
 
 void UndoStack::lost(std::uint64_t sequence) {
+    created_.reset();
     const auto found = pending_.extract(sequence);
     if (!found) return;
     for (const auto& known : found.mapped()) {

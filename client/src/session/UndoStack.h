@@ -51,6 +51,10 @@ public:
     [[nodiscard]] UndoLabels labels() const;
 
     // --- own edits
+    /// Returns whether an edit that transaction `sequence` is going to make goes with a spec that
+    /// the transaction has created just now, so that it needs no inverse of its own. It may return
+    /// false for others of that kind. Looks at no other spec: a paste has many of them.
+    [[nodiscard]] bool goesWithCreated(std::uint64_t sequence, const AuthoredEdit& edit) const;
     /// Adds an own edit that the view has since now: edit `index` of transaction `sequence`. An
     /// edit with the same numbers is one that it replaces. Precondition: isOpen(), or within
     /// takeBack(). `inverse`: from inverseBefore(). `doc`: the layer after the edit. `seen`: the
@@ -141,10 +145,18 @@ private:
 
     class TakingBack;
 
+    /// A spec that a transaction has created, as long as nothing has moved or gone since.
+    struct Created {
+        std::uint64_t sequence = 0;
+        LayerId layer;
+        std::string path;
+    };
+
     std::unordered_map<LayerId, Sites> sites_;  // before the steps, which own the sites
     std::deque<StepPtr> undo_, redo_;
     StepPtr current_;  // the step that receives edits; null: none
     int depth_ = 0;
+    std::optional<Created> created_;  // the last one
     bool takesBack_ = false, overflows_ = false;
     std::map<std::uint64_t, std::vector<std::weak_ptr<Part>>> pending_;  // by sequence
     std::deque<Unread> unread_;
