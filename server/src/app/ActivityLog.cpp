@@ -1,17 +1,9 @@
 // Logs the actions of users.
 #include "usdlive/server/app/ActivityLog.h"
 
-#include <chrono>
 #include <string>
 
 namespace usdlive::server {
-
-namespace {
-
-using std::chrono::milliseconds;
-using std::chrono::steady_clock;
-
-}  // namespace
 
 void ActivityLog::record(const ActivityEvent& event) {
     audit_.record({.event = event.what,
@@ -19,11 +11,9 @@ void ActivityLog::record(const ActivityEvent& event) {
                    .project = project_,
                    .layer = event.layer.value,
                    .detail = event.detail});
-    const auto now =
-        std::chrono::duration_cast<milliseconds>(steady_clock::now().time_since_epoch());
     std::string key(event.what);
     key += '\n' + event.user.value;
-    const auto leftOut = limit_.take(key, now.count());
+    const auto leftOut = limit_.take(key, LogLimit::nowMs());
     if (!leftOut) return;
     const std::string_view user = event.user.value, layer = event.layer.value;
     if (*leftOut > 0)

@@ -1,21 +1,12 @@
 // Queues the events of the audit log for a worker.
 #include "usdlive/server/app/AuditLog.h"
 
-#include <chrono>
+#include <algorithm>
+#include <iterator>
 #include <utility>
 #include <vector>
 
 namespace usdlive::server {
-
-namespace {
-
-std::int64_t steadyMs() {
-    return std::chrono::duration_cast<std::chrono::milliseconds>(
-               std::chrono::steady_clock::now().time_since_epoch())
-        .count();
-}
-
-}  // namespace
 
 struct AuditLog::State {
     State(const std::filesystem::path& folder, Log& serverLog) : file(folder), log(serverLog) {}
@@ -27,7 +18,7 @@ struct AuditLog::State {
     bool isOn = false;
     bool isWriting = false;
     bool isFailing = false;
-    std::deque<AuditEvent> waiting;
+    std::vector<AuditEvent> waiting;
     std::size_t lost = 0;
     LogLimit limit;
 };
@@ -51,17 +42,17 @@ void AuditLog::record(AuditEvent event) {
     if (!state_->isOn) return;
     const auto leftOut = state_->limit.take(
         std::string(event.event) + '\n' + event.user + '\n' + event.from + '\n' + event.project,
-        steadyMs());
+        LogLimit::nowMs());
     if (!leftOut) return;
     if (*leftOut > 0)
         event.detail += (event.detail.empty() ? "" : "; ") + std::to_string(*leftOut) +
                         " such events before this one were left out";
-    if (state_->waiting.size() == kMostWaiting) {
+    if (state_->waiting.size() < kMostWaiting) {
+        event.timeMs = auditTime();
+        state_->waiting.push_back(std::move(event));
+    } else {
         ++state_->lost;
-        return;
     }
-    event.timeMs = auditTime();
-    state_->waiting.push_back(std::move(event));
     if (std::exchange(state_->isWriting, true)) return;
     worker_->post([state = state_] { write(*state); });
 }
@@ -69,8 +60,7 @@ void AuditLog::record(AuditEvent event) {
 void AuditLog::write(State& state) {
     std::unique_lock lock(state.mutex);
     while (!state.waiting.empty()) {
-        std::vector<AuditEvent> events(state.waiting.begin(), state.waiting.end());
-        const std::size_t count = events.size();
+        std::vector<AuditEvent> events = std::exchange(state.waiting, {});
         const std::size_t lost = state.lost;
         if (lost > 0)
             events.push_back({.event = "events lost",
@@ -83,11 +73,17 @@ void AuditLog::write(State& state) {
             if (!std::exchange(state.isFailing, true))
                 state.log.write(LogLevel::Error, "the audit log cannot be written",
                                 {{"error", appended.error().message}});
+            if (lost > 0) events.pop_back();
+            std::ranges::move(state.waiting, std::back_inserter(events));
+            if (events.size() > kMostWaiting) {
+                state.lost += events.size() - kMostWaiting;
+                events.resize(kMostWaiting);
+            }
+            state.waiting = std::move(events);
             break;
         }
         if (std::exchange(state.isFailing, false))
             state.log.write(LogLevel::Info, "the audit log is written again");
-        state.waiting.erase(state.waiting.begin(), state.waiting.begin() + std::ptrdiff_t(count));
         state.lost -= lost;
     }
     state.isWriting = false;

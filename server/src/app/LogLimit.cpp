@@ -2,9 +2,16 @@
 #include "usdlive/server/app/LogLimit.h"
 
 #include <algorithm>
+#include <chrono>
 #include <cstdlib>
 
 namespace usdlive::server {
+
+std::int64_t LogLimit::nowMs() {
+    return std::chrono::duration_cast<std::chrono::milliseconds>(
+               std::chrono::steady_clock::now().time_since_epoch())
+        .count();
+}
 
 std::optional<std::uint64_t> LogLimit::take(const std::string& key, std::int64_t nowMs) {
     const auto isOver = [&](const Window& window) {

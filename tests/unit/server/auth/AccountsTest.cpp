@@ -97,8 +97,9 @@ TEST(Accounts, BadFilesAreNamed) {
               "tokens": [{"hash": "x", "madeAt": 1}], "invitations": []}}})")
                   .find("a token of the user ann"),
               std::string::npos);
-    for (const char* text : {"", "20E10009", "[]", "{}", R"({"format": 1})", R"({"format": 1, "version": -1})",
-                             R"({"format": 1, "version": 1, "users": []})"})
+    for (const char* text :
+         {"", "20E10009", "[]", "{}", R"({"format": 1})", R"({"format": 1, "version": -1})",
+          R"({"format": 1, "version": 1, "users": []})"})
         EXPECT_FALSE(problem(text).empty()) << text;
 }
 

@@ -1,7 +1,6 @@
 // Writes the audit log while the server runs.
 #pragma once
 
-#include <deque>
 #include <filesystem>
 #include <memory>
 #include <mutex>

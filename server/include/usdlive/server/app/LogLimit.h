@@ -16,6 +16,8 @@ public:
     static constexpr std::int64_t kWindowMs = 10'000;
     static constexpr std::size_t kMostKeys = 1'000;  ///< more keys share one window
 
+    /// Returns the time for take().
+    [[nodiscard]] static std::int64_t nowMs();
     /// Returns how many lines of this key were left out before this one, or nothing if this one is
     /// to be left out.
     [[nodiscard]] std::optional<std::uint64_t> take(const std::string& key, std::int64_t nowMs);
