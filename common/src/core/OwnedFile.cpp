@@ -23,6 +23,12 @@ tl::unexpected<Error> ownedFileError(const char* verb, const fs::path& path) {
                                               ": " + std::generic_category().message(errno));
 }
 
+Result<Descriptor> openLock(const fs::path& path) {
+    Descriptor file(::open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, kOwnerOnly));
+    if (!file) return ownedFileError("open", path);
+    return file;
+}
+
 bool writeAll(const Descriptor& file, std::string_view content) {
     while (!content.empty()) {
         const ssize_t count = ::write(file.get(), content.data(), content.size());
@@ -51,11 +57,20 @@ Result<void> replaceFile(const fs::path& path, std::string_view content, mode_t 
 }
 
 Result<Descriptor> lockFile(const fs::path& path) {
-    Descriptor file(::open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, kOwnerOnly));
-    if (!file) return ownedFileError("open", path);
-    while (::flock(file.get(), LOCK_EX) != 0)
+    auto file = openLock(path);
+    while (file && ::flock(file->get(), LOCK_EX) != 0)
         if (errno != EINTR) return ownedFileError("lock", path);
     return file;
+}
+
+Result<std::optional<Descriptor>> tryLockFile(const fs::path& path) {
+    auto file = openLock(path);
+    if (!file) return tl::unexpected(file.error());
+    while (::flock(file->get(), LOCK_EX | LOCK_NB) != 0) {
+        if (errno == EWOULDBLOCK) return std::nullopt;
+        if (errno != EINTR) return ownedFileError("lock", path);
+    }
+    return std::move(*file);
 }
 
 }  // namespace usdlive

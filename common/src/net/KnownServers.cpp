@@ -2,7 +2,6 @@
 #include "usdlive/common/net/KnownServers.h"
 
 #include <fcntl.h>
-#include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -14,6 +13,8 @@
 #include <thread>
 #include <utility>
 
+#include "usdlive/common/core/OwnedFile.h"
+
 namespace usdlive {
 
 namespace {
@@ -24,7 +25,7 @@ using Json = nlohmann::json;
 constexpr const char* kFile = "servers.json";
 constexpr const char* kServers = "servers";
 constexpr const char* kRenewal = "renewal";
-constexpr mode_t kPrivateFile = 0600, kPrivateFolder = 0700, kOthers = 0077;
+constexpr mode_t kPrivateFolder = 0700, kOthers = 0077;
 constexpr std::size_t kMostTokenBytes = 4096;
 
 std::string systemError() { return std::error_code(errno, std::generic_category()).message(); }
@@ -95,39 +96,17 @@ KnownServer serverOf(const Json& entry) {
             tls != entry.end() && tls->is_boolean() && tls->get<bool>(), renewalOf(entry)};
 }
 
-/// Writes the file in one step, so that a reader finds the old or the new content.
-Result<void> writeServers(const fs::path& path, const Json& all) {
-    std::string draft = path.string() + ".XXXXXX";
-    const Descriptor file(::mkostemp(draft.data(), O_CLOEXEC));  // with mode 0600
-    if (!file) return failed("write", path, systemError());
-    const std::string text = all.dump(2) + "\n";
-    const bool isWritten = ::write(file.get(), text.data(), text.size()) == ssize_t(text.size()) &&
-                           ::fchmod(file.get(), kPrivateFile) == 0 && ::fsync(file.get()) == 0 &&
-                           ::rename(draft.c_str(), path.c_str()) == 0;
-    if (isWritten) return {};
-    const std::string why = systemError();
-    ::unlink(draft.c_str());
-    return failed("write", path, why);
+/// The files are settings of the user, so an error is one of the configuration.
+Error asConfiguration(const Error& error) {
+    return {ErrorCode::InvalidConfiguration, error.message};
 }
 
-/// Opens a file of `folder` that is there to be locked.
-Result<Descriptor> openLock(const fs::path& folder, const char* name) {
+Result<void> makeFolder(const fs::path& folder) {
     std::error_code error;
     fs::create_directories(folder.parent_path(), error);
     if (::mkdir(folder.c_str(), kPrivateFolder) != 0 && errno != EEXIST)
         return failed("create", folder, systemError());
-    const fs::path path = folder / name;
-    Descriptor file(::open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, kPrivateFile));
-    if (!file) return failed("open", path, systemError());
-    return file;
-}
-
-/// Locks the entries of `folder` for this thread until the descriptor is closed.
-Result<Descriptor> lockServers(const fs::path& folder) {
-    auto file = openLock(folder, "servers.lock");
-    while (file && ::flock(file->get(), LOCK_EX) != 0)
-        if (errno != EINTR) return failed("lock", folder, systemError());
-    return file;
+    return {};
 }
 
 /// Changes the file while no other process does. `change` returns whether it has changed anything.
@@ -135,13 +114,15 @@ Result<bool> changeServers(const fs::path& folder, const std::function<bool(Json
     if (folder.empty())
         return fail(ErrorCode::InvalidConfiguration,
                     "no folder is known for the settings of usdlive. Set HOME or XDG_CONFIG_HOME");
-    const auto lock = lockServers(folder);
+    if (const auto made = makeFolder(folder); !made) return tl::unexpected(made.error());
+    const auto lock = lockFile(folder / "servers.lock").map_error(asConfiguration);
     if (!lock) return tl::unexpected(lock.error());
     auto all = readServers(folder / kFile);
     if (!all) return tl::unexpected(all.error());
     if (!change((*all)[kServers])) return false;
-    if (const auto written = writeServers(folder / kFile, *all); !written)
-        return tl::unexpected(written.error());
+    const auto written =
+        replaceFile(folder / kFile, all->dump(2) + "\n", kOwnerOnly).map_error(asConfiguration);
+    if (!written) return tl::unexpected(written.error());
     return true;
 }
 
@@ -250,16 +231,15 @@ std::optional<std::string> KnownServers::ownerToken(std::uint16_t port) const {
 Result<std::optional<Descriptor>> KnownServers::lockRenewal(
     std::chrono::milliseconds limit, const std::function<bool()>& isStopped) const {
     constexpr std::chrono::milliseconds kLook{20};
-    auto file = openLock(folder_, "renewal.lock");
-    if (!file) return tl::unexpected(file.error());
+    if (const auto made = makeFolder(folder_); !made) return tl::unexpected(made.error());
     const auto end = std::chrono::steady_clock::now() + limit;
-    while (::flock(file->get(), LOCK_EX | LOCK_NB) != 0) {
-        if (errno != EWOULDBLOCK && errno != EINTR) return failed("lock", folder_, systemError());
+    for (;;) {
+        auto lock = tryLockFile(folder_ / "renewal.lock").map_error(asConfiguration);
+        if (!lock || *lock) return lock;
         if (std::chrono::steady_clock::now() >= end || (isStopped && isStopped()))
             return std::nullopt;
         std::this_thread::sleep_for(kLook);
     }
-    return std::move(*file);
 }
 
 Result<std::optional<std::string>> KnownServers::authorization(const std::string& host,

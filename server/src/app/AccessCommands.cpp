@@ -2,6 +2,7 @@
 #include "usdlive/server/app/AccessCommands.h"
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <array>
 #include <chrono>
 #include <filesystem>
@@ -18,6 +19,7 @@
 #include "usdlive/server/app/RunningServer.h"
 #include "usdlive/server/auth/AccessRulesFile.h"
 #include "usdlive/server/auth/Accounts.h"
+#include "usdlive/server/files/LayerFiles.h"
 
 namespace usdlive::server {
 
@@ -89,22 +91,6 @@ Result<void> answer(const Asked& asked) {
     return {};
 }
 
-/// Returns whether a glob matches the path of a layer's file.
-bool matchesFile(const std::string& glob, const std::filesystem::path& folder) {
-    std::error_code error;
-    std::filesystem::recursive_directory_iterator place(folder, error), end;
-    for (; !error && place != end; place.increment(error)) {
-        const std::string name = place->path().filename();
-        if (name.starts_with('.')) {
-            place.disable_recursion_pending();
-            continue;
-        }
-        if (!place->path().extension().string().starts_with(".usd")) continue;
-        if (matchesGlob(glob, place->path().lexically_relative(folder).string())) return true;
-    }
-    return false;
-}
-
 /// Returns an error if the rule names a user or layers that do not exist.
 Result<void> check(const Changed& changed) {
     const std::string unless = ". With --unchecked it is added nevertheless";
@@ -115,8 +101,12 @@ Result<void> check(const Changed& changed) {
         if (*accounts && !(*accounts)->users().contains(UserName{user}))
             return fail(ErrorCode::InvalidArgument,
                         unknownUser(user, file).value().message + unless);
+    if (changed.layers.empty()) return {};
+    const auto layers = layersIn(changed.folder);
+    if (!layers) return tl::unexpected(layers.error());
     for (const std::string& glob : changed.layers)
-        if (!matchesFile(glob, changed.folder))
+        if (std::ranges::none_of(
+                *layers, [&](const LayerId& layer) { return matchesGlob(glob, layer.value); }))
             return fail(ErrorCode::InvalidArgument, "no layer in " + changed.folder.string() +
                                                         " matches " + inQuotes(glob) + unless);
     return {};

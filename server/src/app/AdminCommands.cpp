@@ -1,12 +1,12 @@
 // Runs and records the commands of administrators.
 #include "usdlive/server/app/AdminCommands.h"
 
-#include <pwd.h>
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
 #include <iostream>
 
+#include "usdlive/common/core/AccountName.h"
 #include "usdlive/server/auth/Accounts.h"
 #include "usdlive/server/auth/AuditFile.h"
 
@@ -23,16 +23,6 @@ int adminCommandEnded(const std::string& name, int code) {
     if (std::cout.flush()) return code;
     std::cerr << name << ": standard output cannot be written\n";
     return kCommandFailed;
-}
-
-/// Returns the name of the account of this process.
-std::string accountName() {
-    passwd found{};
-    passwd* result = nullptr;
-    std::string space(16 * 1024, '\0');
-    if (::getpwuid_r(::getuid(), &found, space.data(), space.size(), &result) == 0 && result)
-        return result->pw_name;
-    return "uid " + std::to_string(::getuid());
 }
 
 }  // namespace
@@ -68,12 +58,13 @@ std::string projectNameOf(const fs::path& folder) {
 
 Result<void> recordCommand(const fs::path& accountsFolder, std::string_view event,
                            const std::string& detail, const std::string& project) {
-    const AuditEvent recorded{.event = event,
-                              .user = accountName(),
-                              .from = "command line",
-                              .project = project,
-                              .detail = detail,
-                              .timeMs = auditTime()};
+    const AuditEvent recorded{
+        .event = event,
+        .user = accountName(::getuid()).value_or("uid " + std::to_string(::getuid())),
+        .from = "command line",
+        .project = project,
+        .detail = detail,
+        .timeMs = auditTime()};
     const auto appended = AuditFile(accountsFolder).append({&recorded, 1});
     if (appended) return {};
     return fail(ErrorCode::StorageFailed,

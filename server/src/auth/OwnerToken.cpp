@@ -1,11 +1,10 @@
 // Writes and removes the token of the server's owner.
 #include "usdlive/server/auth/OwnerToken.h"
 
-#include <fcntl.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "usdlive/common/core/Descriptor.h"
+#include "usdlive/common/core/OwnedFile.h"
 #include "usdlive/common/net/KnownServers.h"
 #include "usdlive/server/auth/Accounts.h"
 
@@ -15,7 +14,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-constexpr mode_t kTokenMode = 0600, kOwnersFolder = 0700;
+constexpr mode_t kOwnersFolder = 0700;
 
 }  // namespace
 
@@ -27,14 +26,9 @@ OwnerToken::OwnerToken(std::uint16_t port) {
     ::mkdir(folder.c_str(), kOwnersFolder);
     ::mkdir((folder / "local").c_str(), kOwnersFolder);
     file_ = folder / "local" / std::to_string(port);
-    // A new file, so that whoever has opened the one before does not read the new token.
-    ::unlink(file_.c_str());
-    const Descriptor file(
-        ::open(file_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, kTokenMode));
+    // The file is a new one, so that whoever has opened the one before does not read the new token.
     std::string token = newSecret();
-    const std::string line = token + "\n";
-    if (file && ::write(file.get(), line.data(), line.size()) == ssize_t(line.size()))
-        token_ = std::move(token);
+    if (replaceFile(file_, token + "\n", kOwnerOnly)) token_ = std::move(token);
 }
 
 OwnerToken::~OwnerToken() {

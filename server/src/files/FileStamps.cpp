@@ -2,16 +2,15 @@
 #include "FileStamps.h"
 
 #include <fcntl.h>
-#include <pwd.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include <array>
 #include <cerrno>
 #include <cstring>
-#include <vector>
 
 #include "SafeFile.h"
+#include "usdlive/common/core/AccountName.h"
 #include "usdlive/common/core/Descriptor.h"
 #include "usdlive/common/core/Sha256.h"
 
@@ -23,15 +22,6 @@ constexpr int kAttempts = 3;
 
 std::int64_t nanoseconds(const timespec& time) {
     return std::int64_t(time.tv_sec) * 1'000'000'000 + time.tv_nsec;
-}
-
-std::string userName(uid_t user) {
-    std::vector<char> memory(16'384);
-    passwd entry{};
-    passwd* found = nullptr;
-    if (::getpwuid_r(user, &entry, memory.data(), memory.size(), &found) == 0 && found)
-        return found->pw_name;
-    return std::to_string(user);
 }
 
 tl::unexpected<Error> unreadable(const std::filesystem::path& path, const std::string& why) {
@@ -71,7 +61,7 @@ std::optional<LayerFile> lookAt(const std::filesystem::path& path, LayerId layer
     if (::lstat(path.c_str(), &found) != 0 || !S_ISREG(found.st_mode)) return std::nullopt;
     static thread_local std::map<uid_t, std::string> names;
     const auto [name, added] = names.try_emplace(found.st_uid);
-    if (added) name->second = userName(found.st_uid);
+    if (added) name->second = accountName(found.st_uid).value_or(std::to_string(found.st_uid));
     return LayerFile{std::move(layer), traceOf(found), isWritable(path, found.st_mode),
                      name->second};
 }

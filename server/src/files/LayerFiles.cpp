@@ -103,6 +103,16 @@ private:
     std::size_t count_ = 0, bytes_ = 0;
 };
 
+/// Calls `visit(LayerId, real path)` for each layer that is served (FI5).
+Result<void> forEachLayer(const fs::path& folder, const auto& visit) {
+    LayerLimit limit;
+    return walkFolder(folder, {[&](const std::string& name, const fs::path& real) {
+                                   auto layer = parseLayerId(name);
+                                   if (layer && limit.admits(name)) visit(*std::move(layer), real);
+                               },
+                               [](const std::string&, const std::string&) {}});
+}
+
 class SdfLayerFiles final : public LayerFiles {
 public:
     SdfLayerFiles(fs::path folder, BlobStore& blobs) : folder_(std::move(folder)), blobs_(blobs) {}
@@ -111,16 +121,10 @@ public:
 
     Result<std::vector<LayerFile>> list() const override {
         std::vector<LayerFile> layers;
-        LayerLimit limit;
-        const FolderVisitor visitor{[&](const std::string& name, const fs::path& real) {
-                                        auto layer = parseLayerId(name);
-                                        if (!layer || !limit.admits(name)) return;
-                                        if (auto file = lookAt(real, *std::move(layer)))
-                                            layers.push_back(*std::move(file));
-                                    },
-                                    [](const std::string&, const std::string&) {}};
-        if (auto listed = walkFolder(folder_, visitor); !listed)
-            return tl::unexpected(listed.error());
+        const auto listed = forEachLayer(folder_, [&](LayerId&& layer, const fs::path& real) {
+            if (auto file = lookAt(real, std::move(layer))) layers.push_back(*std::move(file));
+        });
+        if (!listed) return tl::unexpected(listed.error());
         std::ranges::sort(layers, {}, &LayerFile::layer);
         return layers;
     }
@@ -429,6 +433,17 @@ void removeLeftovers(const fs::path& folder) {
 }
 
 }  // namespace
+
+Result<std::vector<LayerId>> layersIn(const fs::path& folder) {
+    std::error_code error;
+    const fs::path real = fs::canonical(folder, error);
+    std::vector<LayerId> layers;
+    const auto listed = forEachLayer(error ? folder : real, [&](LayerId&& layer, const fs::path&) {
+        layers.push_back(std::move(layer));
+    });
+    if (!listed) return tl::unexpected(listed.error());
+    return layers;
+}
 
 Result<std::unique_ptr<LayerFiles>> createLayerFiles(const fs::path& folder, BlobStore& blobs) {
     std::error_code problem;

@@ -1,7 +1,6 @@
 // Loads, checks and creates certificates of the server.
 #include "usdlive/server/transport/ServerTls.h"
 
-#include <fcntl.h>
 #include <openssl/bio.h>
 #include <openssl/err.h>
 #include <openssl/evp.h>
@@ -17,7 +16,7 @@
 #include <system_error>
 #include <utility>
 
-#include "usdlive/common/core/Descriptor.h"
+#include "usdlive/common/core/OwnedFile.h"
 #include "usdlive/server/transport/HostNames.h"
 
 namespace usdlive::server {
@@ -119,19 +118,15 @@ Result<void> checkHosts(x509_st* certificate, const TlsFiles& files,
 
 // ---- a key and a certificate of our own
 
-/// Writes the file in one step. Only this user can read it if it is private.
+/// Only this user can read the file if it is private.
 Result<void> writeFile(const fs::path& path, const BIO& content, bool isPrivate) {
-    const fs::path draft = path.string() + ".new";
-    ::unlink(draft.c_str());
-    const Descriptor file(
-        ::open(draft.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, isPrivate ? 0600 : 0644));
+    constexpr mode_t kForAll = 0644;
     char* bytes = nullptr;
     const long size = BIO_get_mem_data(const_cast<BIO*>(&content), &bytes);
-    if (file && ::write(file.get(), bytes, std::size_t(size)) == size && ::fsync(file.get()) == 0 &&
-        ::rename(draft.c_str(), path.c_str()) == 0)
-        return {};
-    return fail(ErrorCode::InvalidConfiguration,
-                "cannot write " + path.string() + ": " + systemError());
+    return replaceFile(path, {bytes, std::size_t(size)}, isPrivate ? kOwnerOnly : kForAll)
+        .map_error([](const Error& error) {
+            return Error{ErrorCode::InvalidConfiguration, error.message};
+        });
 }
 
 void addExtension(x509_st* certificate, int kind, const std::string& value) {

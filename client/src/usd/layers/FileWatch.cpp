@@ -1,13 +1,14 @@
 // Detects changes of layer files.
 #include "usd/layers/FileWatch.h"
 
-#include <pwd.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include <array>
 #include <filesystem>
 #include <fstream>
+
+#include "usdlive/common/core/AccountName.h"
 
 namespace usdlive::layers {
 
@@ -25,11 +26,7 @@ bool isReadOnly(const std::string& path, const struct stat& status) {
 const std::string& userName(uid_t user) {
     thread_local std::map<uid_t, std::string> names;
     const auto [entry, isNew] = names.try_emplace(user);
-    if (!isNew) return entry->second;
-    std::array<char, 4096> buffer{};
-    passwd account{}, *found = nullptr;
-    if (getpwuid_r(user, &account, buffer.data(), buffer.size(), &found) == 0 && found)
-        entry->second = found->pw_name;
+    if (isNew) entry->second = accountName(user).value_or("");
     return entry->second;
 }
 

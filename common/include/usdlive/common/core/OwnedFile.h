@@ -4,6 +4,7 @@
 #include <sys/types.h>
 
 #include <filesystem>
+#include <optional>
 #include <string_view>
 
 #include "usdlive/common/core/Descriptor.h"
@@ -22,5 +23,7 @@ inline constexpr mode_t kOwnerOnly = 0600;
 /// Creates the file if it is missing, and waits until no other process and no other thread has it
 /// locked. Closing the descriptor unlocks it. Error: StorageFailed names the file and the cause.
 [[nodiscard]] Result<Descriptor> lockFile(const std::filesystem::path& path);
+/// The same without waiting. Returns nothing if another one has it locked.
+[[nodiscard]] Result<std::optional<Descriptor>> tryLockFile(const std::filesystem::path& path);
 
 }  // namespace usdlive

@@ -68,6 +68,10 @@ public:
     [[nodiscard]] virtual Result<Bytes> render(const LayerId& layer, const LayerDoc& doc) = 0;
 };
 
+/// Returns the layers that a server of the folder lists (LayerFiles::list()), in any order. Error:
+/// LayerUnreadable if the folder cannot be listed. Any thread.
+[[nodiscard]] Result<std::vector<LayerId>> layersIn(const std::filesystem::path& folder);
+
 /// Also removes the temporary files of interrupted saves and uploads. Error: InvalidConfiguration
 /// if the folder does not exist.
 [[nodiscard]] Result<std::unique_ptr<LayerFiles>> createLayerFiles(
