@@ -38,7 +38,14 @@ AccessControl::AccessControl(asio::io_context& io, const std::filesystem::path& 
       audit_(audit),
       workers_(workers.files.share()),
       signIn_(folder, std::move(issuer)),
-      timer_(io),
+      accountsFile_(io, workers_, signIn_.file(), kFollowPause,
+                    [this](const std::string&, Result<std::optional<Accounts>> read) {
+                        if (!read)
+                            log_.write(LogLevel::Error, "accounts stay as they were",
+                                       {{"error", read.error().message}});
+                        else if (*read)
+                            take(std::move(**read));
+                    }),
       followedFile_(followedAccountsFile(folder)) {
     if (const auto& from = signIn_.issuer())
         keys_ = std::make_unique<PublishedKeys>(
@@ -62,38 +69,14 @@ void AccessControl::serve(std::uint16_t port, const std::string& url, const std:
     signIn_.letOwnerIn(port);
     followed_ = {::getpid(), signIn_.accounts()->version(), url, pin};
     write(followed_, followedFile_);
-    followIn(kFollowPause);
+    accountsFile_.start({});
 }
 
 void AccessControl::stop() {
-    timer_.cancel();
+    accountsFile_.stop();
     if (keys_) keys_->stop();
     workers_->stop();
     if (std::exchange(spread_, nullptr)) ::unlink(followedFile_.c_str());
-}
-
-void AccessControl::followIn(milliseconds pause) {
-    timer_.expires_after(pause);
-    timer_.async_wait([this](const boost::system::error_code& error) {
-        if (error || !spread_) return;
-        // A disk that does not answer must not stop the server from accepting connections.
-        workers_->post(
-            [this, io = &io_, weak = std::weak_ptr(life_), file = signIn_.file(), before = stamp_] {
-                const auto stamp = file.stamp();
-                Result<std::optional<Accounts>> read;
-                if (stamp && stamp != before) read = file.read();
-                asio::post(*io, [this, weak, stamp, read = std::move(read)]() mutable {
-                    if (weak.expired() || !spread_) return;
-                    if (stamp) stamp_ = stamp;
-                    if (!read)
-                        log_.write(LogLevel::Error, "accounts stay as they were",
-                                   {{"error", read.error().message}});
-                    else if (*read)
-                        take(std::move(**read));
-                    followIn(kFollowPause);
-                });
-            });
-    });
 }
 
 void AccessControl::take(Accounts accounts) {
@@ -141,17 +124,14 @@ void AccessControl::cannotWrite(const Error& error, const HttpAnswer& answer) {
     answer({"text/plain", "the server cannot change its accounts; its log says why\n", kInternal});
 }
 
-std::optional<SignedIn> AccessControl::find(const HttpTarget& target) const {
-    auto found = signIn_.find(target.authorization, std::time(nullptr));
-    return found ? std::optional(std::move(*found)) : std::nullopt;
+tl::expected<SignedIn, Stranger> AccessControl::find(const HttpTarget& target) const {
+    return signIn_.find(target.authorization, std::time(nullptr));
 }
 
-std::optional<HttpAgain> AccessControl::newerKeys(const HttpTarget& target) {
-    if (!keys_ || !keys_->canLook()) return std::nullopt;
-    const auto found = signIn_.find(target.authorization, std::time(nullptr));
-    const bool mayHelp = !found && (found.error().why == Stranger::Why::NoKeys ||
-                                    found.error().problem == TokenProblem::UnknownKey);
-    if (!mayHelp) return std::nullopt;
+std::optional<HttpAgain> AccessControl::newerKeys(const Stranger& stranger) {
+    const bool mayHelp =
+        stranger.why == Stranger::Why::NoKeys || stranger.problem == TokenProblem::UnknownKey;
+    if (!mayHelp || !keys_ || !keys_->canLook()) return std::nullopt;
     return HttpAgain{[this](std::function<void()> ready) { keys_->look(std::move(ready)); }};
 }
 
@@ -172,9 +152,7 @@ HttpReply AccessControl::signInPage(const std::optional<SignedIn>& user) const {
                  {"scopes", issuer->scopes}});
 }
 
-HttpPage AccessControl::refusal(const HttpTarget& target) {
-    const auto found = signIn_.find(target.authorization, std::time(nullptr));
-    const Stranger stranger = found ? Stranger() : found.error();
+HttpPage AccessControl::refusal(const HttpTarget& target, const Stranger& stranger) {
     const std::string join = "Ask for an invitation and run `usdlive join INVITATION`";
     const std::string howTo =
         keys_ ? "Run `usdlive login HOST:PORT`, or ask for an invitation and run `usdlive join "

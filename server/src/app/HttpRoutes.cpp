@@ -63,12 +63,17 @@ HttpRoute HttpRoutes::route(const HttpTarget& target) {
     if (path == "/join") return HttpAction{access_.join(target)};
     const bool asksHowToSignIn = path == "/sign-in";
     if (asksHowToSignIn && target.authorization.empty()) return access_.signInPage(std::nullopt);
-    const User user = access_.isRequired() ? access_.find(target) : std::nullopt;
-    const bool isStranger = access_.isRequired() && !user;
-    if (isStranger && path != "/healthz") {
-        if (auto again = access_.newerKeys(target)) return std::move(*again);
-        return access_.refusal(target);
+    User user;
+    if (access_.isRequired()) {
+        auto found = access_.find(target);
+        if (found) {
+            user = std::move(*found);
+        } else if (path != "/healthz") {
+            if (auto again = access_.newerKeys(found.error())) return std::move(*again);
+            return access_.refusal(target, found.error());
+        }
     }
+    const bool isStranger = access_.isRequired() && !user;
     if (asksHowToSignIn) return access_.signInPage(user);
     const Visible visible = visibleTo(user);
     const auto page = [&](HttpReply (HttpRoutes::*make)(const Reports&) const) {

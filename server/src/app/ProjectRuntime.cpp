@@ -62,13 +62,27 @@ ProjectRuntime::ProjectRuntime(asio::io_context& network, WorkerShares& workers,
       files_(strand_, workers, files.layers, files.assets, blobs, store, log),
       activity_(std::move(activity)),
       rulesFile_(folder_),
+      rulesFollower_(
+          network, workers.files, rulesFile_, kRulesPause,
+          [this](const std::string& stamp, Result<std::optional<AccessRules>> read) {
+              if (!read)
+                  log_.write(LogLevel::Error, "access rules stay as they were",
+                             {{"error", read.error().message}});
+              else if (*read)
+                  takeRules(stamp, std::move(**read));
+          },
+          [this] {
+              log_.write(LogLevel::Warning,
+                         "the access rules are gone and stay in force; to end them, write rules "
+                         "without entries",
+                         {{"file", rulesFile_.path().string()}});
+          }),
       retryTimer_(network),
       scanTimer_(network),
       sweepTimer_(network),
       clientsTimer_(network),
       historyTimer_(network),
       spaceTimer_(network),
-      rulesTimer_(network),
       signInsTimer_(network),
       collector_(network, *workers.history, store, blobs, keepUnusedBlobs, log) {}
 
@@ -77,10 +91,11 @@ Result<void> ProjectRuntime::start(ProjectSetup setup) {
     auto beginning = setup_.read();
     if (!beginning) return tl::unexpected(beginning.error());
     hasSpace_ = beginning->store.hasSpace;
-    rulesStamp_ = rulesFile_.stamp();
-    if (rulesStamp_) rulesFile_.writeTaken(*rulesStamp_);
+    const auto rulesStamp = rulesFile_.stamp();
+    if (rulesStamp) rulesFile_.writeTaken(*rulesStamp);
     auto rules = rulesFile_.read();
     if (!rules) return tl::unexpected(rules.error());
+    rulesFollower_.start(rulesStamp);
     if (*rules) rules_ = std::make_shared<const AccessRules>(std::move(**rules));
     makeProject(std::move(*beginning));
     storage_.start({
@@ -116,7 +131,6 @@ void ProjectRuntime::serve() {
     });
     boundHistoryIn(milliseconds(0));
     lookForSpaceIn(milliseconds(0));
-    lookForRulesIn(kRulesPause);
 }
 
 void ProjectRuntime::stop(std::function<void()> done) {
@@ -188,42 +202,14 @@ void ProjectRuntime::endSignInsIn(milliseconds pause) {
     });
 }
 
-void ProjectRuntime::lookForRulesIn(milliseconds pause) {
-    rulesTimer_.expires_after(pause);
-    rulesTimer_.async_wait([this](const boost::system::error_code& error) {
-        if (error) return;
-        workers_.files->post([this, file = rulesFile_, before = rulesStamp_] {
-            const auto stamp = file.stamp();
-            Result<std::optional<AccessRules>> read;
-            if (stamp && stamp != before) read = file.read();
-            asio::post(network_, [this, stamp, read = std::move(read)]() mutable {
-                if (!stamp && rulesStamp_)
-                    log_.write(LogLevel::Warning,
-                               "the access rules are gone and stay in force; to end them, write "
-                               "rules without entries",
-                               {{"file", rulesFile_.path().string()}});
-                rulesStamp_ = stamp;
-                if (!read)
-                    log_.write(LogLevel::Error, "access rules stay as they were",
-                               {{"error", read.error().message}});
-                else if (*read) {
-                    takeRules(std::move(**read));
-                    workers_.files->post(
-                        [file = rulesFile_, taken = *stamp] { file.writeTaken(taken); });
-                }
-                lookForRulesIn(kRulesPause);
-            });
-        });
-    });
-}
-
-void ProjectRuntime::takeRules(AccessRules rules) {
+void ProjectRuntime::takeRules(const std::string& stamp, AccessRules rules) {
     rules_ = std::make_shared<const AccessRules>(std::move(rules));
     activity_.record({"access rules changed",
                       UserName(),
                       {},
                       "rules: " + std::to_string(rules_->rules().size())});
     strand_.use([this](Project& project) { project.setRules(rules_); });
+    workers_.files->post([file = rulesFile_, stamp] { file.writeTaken(stamp); });
 }
 
 void ProjectRuntime::rolesChanged(const std::function<Role(const SignedIn&)>& roleOf) {

@@ -40,7 +40,18 @@ PublishedKeys::PublishedKeys(asio::io_context& io, std::string issuer, std::file
       file_(std::move(file)),
       take_(std::move(take)),
       workers_(workers.files.share()),
-      timer_(io) {}
+      timer_(io),
+      follower_(io, workers_, file_, kLookAtFile,
+                [this](const std::string&, Result<IssuerKeys> keys) {
+                    if (!keys) {
+                        log_.write(LogLevel::Error, "the issuer's keys stay as they were",
+                                   {{"error", keys.error().message}});
+                        return;
+                    }
+                    log_.write(LogLevel::Info, "the issuer's keys were read",
+                               {{"file", file_.path().string()}, {"keys", keys->keys().size()}});
+                    take_(std::move(*keys));
+                }) {}
 
 PublishedKeys::~PublishedKeys() { stop(); }
 
@@ -49,17 +60,18 @@ Result<void> PublishedKeys::start() {
         ask();
         return {};
     }
-    stamp_ = file_.stamp();
+    const auto stamp = file_.stamp();
     auto keys = file_.read();
     if (!keys) return tl::unexpected(keys.error());
     take_(std::move(*keys));
-    readIn(kLookAtFile);
+    follower_.start(stamp);
     return {};
 }
 
 void PublishedKeys::stop() {
     *isStopped_ = true;
     timer_.cancel();
+    follower_.stop();
     workers_->stop();
     waiting_.clear();
 }
@@ -119,32 +131,6 @@ void PublishedKeys::answered(Result<IssuerKeys> keys) {
         take_(std::nullopt);
     askIn(next.pause);
     for (const auto& done : std::exchange(waiting_, {})) done();
-}
-
-void PublishedKeys::readIn(steady_clock::duration pause) {
-    timer_.expires_after(pause);
-    timer_.async_wait([this](const boost::system::error_code& error) {
-        if (error || *isStopped_) return;
-        workers_->post([this, io = &io_, weak = std::weak_ptr(life_), file = file_,
-                        before = stamp_] {
-            const auto stamp = file.stamp();
-            std::optional<Result<IssuerKeys>> keys;
-            if (stamp && stamp != before) keys = file.read();
-            asio::post(*io, [this, weak, stamp, keys = std::move(keys)]() mutable {
-                if (weak.expired() || *isStopped_) return;
-                if (stamp) stamp_ = stamp;
-                if (keys && *keys) {
-                    log_.write(LogLevel::Info, "the issuer's keys were read",
-                               {{"file", file_.path().string()}, {"keys", (*keys)->keys().size()}});
-                    take_(std::move(**keys));
-                } else if (keys) {
-                    log_.write(LogLevel::Error, "the issuer's keys stay as they were",
-                               {{"error", keys->error().message}});
-                }
-                readIn(kLookAtFile);
-            });
-        });
-    });
 }
 
 }  // namespace usdlive::server

@@ -26,6 +26,8 @@ Result<AccessRules> changeRules(const AccessRulesFile& file,
     if (!lock) return tl::unexpected(lock.error());
     const auto present = file.text();
     if (!present) return tl::unexpected(present.error());
+    if (*present)
+        if (const auto valid = file.parsed(**present); !valid) return tl::unexpected(valid.error());
     OrderedJson json = *present ? OrderedJson::parse(**present)
                                 : OrderedJson{{"format", 1}, {"rules", OrderedJson::array()}};
     if (auto done = change(json["rules"]); !done) return tl::unexpected(done.error());
@@ -51,15 +53,21 @@ Result<std::optional<std::string>> AccessRulesFile::text() const {
     std::ifstream file(path_, std::ios::binary);
     std::string text{std::istreambuf_iterator<char>(file), {}};
     if (!file) return unusable("it cannot be read");
-    if (auto rules = AccessRules::parse(text); !rules) return unusable(rules.error().message);
     return text;
 }
 
+Result<AccessRules> AccessRulesFile::parsed(std::string_view text) const {
+    return AccessRules::parse(text).map_error([this](Error error) {
+        error.message = path_.string() + ": " + error.message;
+        return error;
+    });
+}
+
 Result<std::optional<AccessRules>> AccessRulesFile::read() const {
-    auto found = text();
+    const auto found = text();
     if (!found) return tl::unexpected(found.error());
     if (!*found) return std::nullopt;
-    return *AccessRules::parse(**found);
+    return parsed(**found);
 }
 
 Result<AccessRules> AccessRulesFile::add(const AccessRule& rule) const {

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <boost/asio/io_context.hpp>
-#include <boost/asio/steady_timer.hpp>
 #include <filesystem>
 #include <functional>
 #include <memory>
@@ -11,6 +10,7 @@
 
 #include "usdlive/server/app/AccountCommands.h"
 #include "usdlive/server/app/AuditLog.h"
+#include "usdlive/server/app/FileFollower.h"
 #include "usdlive/server/app/PublishedKeys.h"
 #include "usdlive/server/app/Workers.h"
 #include "usdlive/server/auth/SignIn.h"
@@ -34,8 +34,7 @@ public:
     ~AccessControl();
 
     /// Reads the accounts and the keys of the issuer, or begins to ask for them. Begins the audit
-    /// log if users have to sign in. Error:
-    /// InvalidConfiguration.
+    /// log if users have to sign in. Error: InvalidConfiguration.
     [[nodiscard]] Result<void> start();
     /// Lets the owner in at this port, and begins to follow the file.
     /// `url` is where users reach the server, and `pin` the fingerprint of its own certificate, or
@@ -44,11 +43,11 @@ public:
     void stop();
 
     [[nodiscard]] bool isRequired() const { return signIn_.isRequired(); }
-    /// Returns who a request comes from; nothing if it proves nobody.
-    [[nodiscard]] std::optional<SignedIn> find(const HttpTarget& target) const;
-    /// Returns how to wait for newer keys of the issuer, if the request proves nobody and they
-    /// might change that (AC24).
-    [[nodiscard]] std::optional<HttpAgain> newerKeys(const HttpTarget& target);
+    /// Returns who a request comes from, or why it proves nobody.
+    [[nodiscard]] tl::expected<SignedIn, Stranger> find(const HttpTarget& target) const;
+    /// Returns how to wait for newer keys of the issuer, if they might change that a request proves
+    /// nobody (AC24).
+    [[nodiscard]] std::optional<HttpAgain> newerKeys(const Stranger& stranger);
     /// Says how to sign in, or as whom somebody has signed in (AC25).
     [[nodiscard]] HttpReply signInPage(const std::optional<SignedIn>& user) const;
     /// Records that a user opens a session.
@@ -58,13 +57,12 @@ public:
         return SignIn::in(*signIn_.accounts(), std::move(user), project);
     }
     /// Answers a request that proves nobody, later with each one of the same address (AC5).
-    [[nodiscard]] HttpPage refusal(const HttpTarget& target);
+    [[nodiscard]] HttpPage refusal(const HttpTarget& target, const Stranger& stranger);
     /// Exchanges an invitation for a token (AC2).
     [[nodiscard]] HttpPage join(const HttpTarget& target);
     [[nodiscard]] std::uint64_t refusals() const { return signIn_.refusals(); }
 
 private:
-    void followIn(std::chrono::milliseconds pause);
     void take(Accounts accounts);
     void cannotWrite(const Error& error, const HttpAnswer& answer);
     /// `why` is the event in the log, which is not filled by somebody who goes on.
@@ -79,10 +77,9 @@ private:
     SignIn signIn_;
     std::unique_ptr<PublishedKeys> keys_;  ///< nullptr: no issuer
     Spread spread_;
-    boost::asio::steady_timer timer_;
+    FileFollower<AccountsFile> accountsFile_;
     const std::filesystem::path followedFile_;
     FollowedAccounts followed_;
-    std::optional<std::string> stamp_;  ///< that of the accounts that were read
     const std::shared_ptr<int> life_ = std::make_shared<int>();
 };
 

@@ -12,6 +12,7 @@
 
 #include "usdlive/server/app/ActivityLog.h"
 #include "usdlive/server/app/BlobCollector.h"
+#include "usdlive/server/app/FileFollower.h"
 #include "usdlive/server/app/Intake.h"
 #include "usdlive/server/app/Metrics.h"
 #include "usdlive/server/app/ProjectStrand.h"
@@ -104,8 +105,7 @@ private:
     void forgetClientsIn(std::chrono::milliseconds pause);
     void boundHistoryIn(std::chrono::milliseconds pause);
     void lookForSpaceIn(std::chrono::milliseconds pause);
-    void lookForRulesIn(std::chrono::milliseconds pause);
-    void takeRules(AccessRules rules);
+    void takeRules(const std::string& stamp, AccessRules rules);
     void endSignInsIn(std::chrono::milliseconds pause);
 
     boost::asio::io_context& network_;
@@ -128,12 +128,12 @@ private:
     ActivityLog activity_;
 
     const AccessRulesFile rulesFile_;
-    std::optional<std::string> rulesStamp_;
+    FileFollower<AccessRulesFile> rulesFollower_;
     std::shared_ptr<const AccessRules> rules_ = std::make_shared<const AccessRules>();
     ProjectSetup setup_;
     std::function<Role(const SignedIn&)> roleOf_;  ///< empty: roles have not changed yet
     boost::asio::steady_timer retryTimer_, scanTimer_, sweepTimer_, clientsTimer_, historyTimer_,
-        spaceTimer_, rulesTimer_, signInsTimer_;
+        spaceTimer_, signInsTimer_;
     BlobCollector collector_;
     bool sweeping_ = false;
     bool watchesSignIns_ = false;

@@ -12,6 +12,7 @@
 #include <string>
 #include <vector>
 
+#include "usdlive/server/app/FileFollower.h"
 #include "usdlive/server/app/Workers.h"
 #include "usdlive/server/auth/IssuerKeysFile.h"
 #include "usdlive/server/auth/KeySchedule.h"
@@ -45,7 +46,6 @@ private:
     void askIn(std::chrono::steady_clock::duration pause);
     void ask();
     void answered(Result<IssuerKeys> keys);
-    void readIn(std::chrono::steady_clock::duration pause);
 
     boost::asio::io_context& io_;
     Log& log_;
@@ -59,7 +59,7 @@ private:
     std::vector<std::function<void()>> waiting_;
     bool isAsking_ = false;
     KeySchedule schedule_;
-    std::optional<std::string> stamp_;  ///< that of the file
+    FileFollower<IssuerKeysFile> follower_;  ///< started if there is a file
     const std::shared_ptr<int> life_ = std::make_shared<int>();
 };
 

@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <string_view>
 
 #include "usdlive/common/access/AccessRules.h"
 
@@ -16,9 +17,12 @@ public:
         : path_(folder / ".usdlive" / "access.json") {}
 
     [[nodiscard]] const std::filesystem::path& path() const { return path_; }
-    /// Returns nothing if there is no file. Error: InvalidConfiguration names the file and the line
-    /// or the rule.
+    /// Returns the content; nothing if there is no file. Error: InvalidConfiguration names the
+    /// file.
     [[nodiscard]] Result<std::optional<std::string>> text() const;
+    /// Error: InvalidConfiguration names the file and the line or the rule.
+    [[nodiscard]] Result<AccessRules> parsed(std::string_view text) const;
+    /// Returns nothing if there is no file. Errors: those of text() and parsed().
     [[nodiscard]] Result<std::optional<AccessRules>> read() const;
     /// Adds a rule at the end, or removes the rule with this number, from 1, and returns the new
     /// rules. Several processes may do so at the same time. Errors: those of read();
@@ -34,6 +38,7 @@ public:
 
 private:
     [[nodiscard]] std::filesystem::path takenPath() const { return path_.string() + ".taken"; }
+
     std::filesystem::path path_;
 };
 
