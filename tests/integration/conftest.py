@@ -185,6 +185,14 @@ def dds_domain(monkeypatch):
     pytest.fail("every DDS domain is in use")
 
 
+def shots(tmp_path, root: str):
+    """Makes a project with the name "shots" and one layer, and returns its folder."""
+    folder = tmp_path / "shots"
+    folder.mkdir()
+    (folder / "root.usda").write_text(root)
+    return folder
+
+
 @pytest.fixture
 def project(tmp_path):
     folder = tmp_path / "project"

@@ -15,18 +15,7 @@ import usdlive
 from conftest import Server, unused_port, wait
 from issuer import Issuer
 from pxr import Sdf
-from tls_test import Authority
-
-ROOT = '#usda 1.0\n\ndef Sphere "Ball"\n{\n    double radius = 1\n}\n'
-
-
-@pytest.fixture
-def project(tmp_path):
-    folder = tmp_path / "shots"
-    folder.mkdir()
-    (folder / "root.usda").write_text(ROOT)
-    return folder
-
+from tls_test import ROOT, Authority, project  # noqa: F401 (fixture)
 
 @pytest.fixture
 def issuer():

@@ -11,6 +11,7 @@ import subprocess
 
 import pytest
 import usdlive
+from conftest import shots
 from pxr import Sdf, Usd
 
 ROOT = """#usda 1.0
@@ -33,10 +34,7 @@ def Xform "World"
 
 @pytest.fixture
 def project(tmp_path):
-    folder = tmp_path / "shots"
-    folder.mkdir()
-    (folder / "root.usda").write_text(ROOT)
-    return folder
+    return shots(tmp_path, ROOT)
 
 
 def usdlive_(*words: object, **environment: str) -> subprocess.CompletedProcess:

@@ -15,7 +15,7 @@ import time
 
 import pytest
 import usdlive
-from conftest import connect, synced, unused_port, wait
+from conftest import connect, shots, synced, unused_port, wait
 
 ROOT = '#usda 1.0\n\ndef Sphere "Ball"\n{\n    double radius = 1\n}\n'
 PLAIN_ANSWER = "this server speaks TLS: use wss:// or https://"
@@ -23,10 +23,7 @@ PLAIN_ANSWER = "this server speaks TLS: use wss:// or https://"
 
 @pytest.fixture
 def project(tmp_path):
-    folder = tmp_path / "shots"
-    folder.mkdir()
-    (folder / "root.usda").write_text(ROOT)
-    return folder
+    return shots(tmp_path, ROOT)
 
 
 @pytest.fixture
