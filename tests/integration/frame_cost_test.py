@@ -249,7 +249,9 @@ class Editors:
                     start = time.thread_time()
                     assert not call().kept
                     took[kind, name_of] = time.thread_time() - start
-                longest(ada, lambda: ada.pending == 0)
+                    # Else the redo competes with the thread that sends what the undo changed, and takes up to thrice
+                    # as long, at random.
+                    longest(ada, lambda: ada.pending == 0)
                 longest(bo, lambda: bo.revision >= ada.revision)
         cy.request_open_layer(name)
         took["all", "joining"] = longest(cy, lambda: cy.opened_layer(name) is not None)
