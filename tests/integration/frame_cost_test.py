@@ -18,6 +18,7 @@ import usdlive
 from conftest import Relay, wait
 from pxr import Sdf, Usd
 
+pytestmark = pytest.mark.usefixtures("uncollected")
 SOAK = os.environ.get("USDLIVE_COST_ITEMS")
 N = int(SOAK or "3200")
 DOUBLINGS = 3  # One is not enough: with cold caches, twice as many items can take three times as long.

@@ -31,7 +31,7 @@ def ends_of(live: usdlive.Live) -> list:
     return ends
 
 
-def test_many_layers_open_while_the_editor_ticks(server):
+def test_many_layers_open_while_the_editor_ticks(server, uncollected):
     with connect(server, "ada") as live:
         ends = ends_of(live)
         requests = {live.request_open_layer(f"many/{number}.usda"): f"many/{number}.usda" for number in range(MANY)}
