@@ -23,6 +23,7 @@ SERVER_EDGES = ["server/transport", "server/storage", "server/files"]
 ALLOWED = {
     **{area: COMMON_PLAIN for area in COMMON_PLAIN},
     "common/access": [*COMMON_PLAIN, "common/access"],
+    "common/history": [*COMMON_PLAIN, "common/access", "common/history"],
     "common/transport": COMMON_PLAIN,
     "common/dds": COMMON_PLAIN,
     "common/net": ["common/core"],

@@ -99,7 +99,7 @@ struct UndoStack::Unread {
     std::optional<Inverse> inverse;
 };
 
-UndoStack::UndoStack() = default;
+UndoStack::UndoStack(Bounds bounds) : bounds_(bounds) {}
 UndoStack::~UndoStack() { clear(); }
 
 // ---- specs and their paths
@@ -209,7 +209,7 @@ void UndoStack::bound() {
     std::size_t bytes = 0;
     for (const auto* steps : {&undo_, &redo_})
         for (const StepPtr& step : *steps) bytes += step->bytes;
-    while (undo_.size() + redo_.size() > kMostSteps || bytes > kMostBytes) {
+    while (undo_.size() + redo_.size() > kMostSteps || bytes > bounds_.bytes) {
         auto& steps = undo_.empty() ? redo_ : undo_;
         if (steps.empty()) return;
         bytes -= std::min(bytes, steps.front()->bytes);
@@ -360,7 +360,7 @@ void UndoStack::add(std::uint64_t sequence, std::uint32_t index, const AuthoredE
     entry->index = index;
     current_->bytes += memoryOf(entry->inverse);
     insert(part, *std::move(entry));
-    if (current_->bytes <= kMostBytes || takesBack_) return;
+    if (current_->bytes <= bounds_.bytes || takesBack_) return;
     overflows_ = true;
     undo_.clear();
     current_->parts.clear();
@@ -520,7 +520,7 @@ void UndoStack::othersCommitted(const NamespaceLog& log, const Commit& commit) {
                            .index = 0,
                            .inverse = {}});
     });
-    if (unread_.size() > kMostUnread) clear();
+    if (unread_.size() > bounds_.unread) clear();
 }
 
 Revision UndoStack::oldestNeeded(Revision otherwise) const {

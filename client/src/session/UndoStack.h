@@ -39,7 +39,10 @@ public:
     /// stack.
     static constexpr std::size_t kMostUnread = 100'000;
 
-    UndoStack();
+    struct Bounds {
+        std::size_t bytes, unread;
+    };
+    explicit UndoStack(Bounds bounds = {kMostBytes, kMostUnread});
     ~UndoStack();
 
     // --- steps
@@ -152,6 +155,7 @@ private:
         std::string path;
     };
 
+    const Bounds bounds_;
     std::unordered_map<LayerId, Sites> sites_;  // before the steps, which own the sites
     std::deque<StepPtr> undo_, redo_;
     StepPtr current_;  // the step that receives edits; null: none
