@@ -15,7 +15,8 @@ import pytest
 ROOT = '#usda 1.0\n\ndef Xform "World"\n{\n}\n\n'
 # The words after the URL of a correct line, and the options that the verb needs. FILE is a file of this machine.
 LINES = {"ls": [], "who": [], "cat": ["root.usda"], "tree": ["root.usda"], "dump": ["root.usda"], "flatten": ["root.usda"],
-         "log": ["root.usda"], "watch": ["root.usda"], "save": ["root.usda"], "reload": ["root.usda"],
+         "log": ["root.usda"], "blame": ["root.usda", "/World"], "diff": ["root.usda", "1"], "revert": ["2"],
+         "restore": ["1", "root.usda"], "watch": ["root.usda"], "save": ["root.usda"], "reload": ["root.usda"],
          "upload": ["FILE", "a.png"], "checkpoint": ["lunch"], "checkpoints": [], "compact": [], "stat": [],
          "mute": ["root.usda", "set.usda"], "unmute": ["root.usda", "set.usda"], "lock": ["root.usda"],
          "unlock": ["root.usda"]}
@@ -24,7 +25,7 @@ OPTIONS = {"dump": ["--composed"]}
 LOCAL = {"access": ["--help"], "audit": ["--help"], "completion": ["bash"], "deny": ["--help"],
          "forget": ["127.0.0.1:1"], "grant": ["--help"], "help": [], "join": [], "login": ["--help"], "revoke": ["--help"],
          "serve": ["--help"], "user": ["--help"]}
-LEAST = {"cat": 1, "tree": 1, "dump": 1, "flatten": 1, "upload": 2, "checkpoint": 1, "mute": 2, "unmute": 2, "lock": 1,
+LEAST = {"cat": 1, "tree": 1, "dump": 1, "flatten": 1, "blame": 2, "diff": 2, "revert": 1, "restore": 1, "upload": 2, "checkpoint": 1, "mute": 2, "unmute": 2, "lock": 1,
          "unlock": 1}
 
 

@@ -116,6 +116,9 @@ WORDS = {
     "flatten": [[NONE], *AT, ["shot.usda", "--session", NONE]],
     "log": [[NONE], ["--from", "999"], ["shot.usda", "--from", "999"]], "watch": [[NONE]],
     "save": [[NONE], ["shot.usda", NONE]], "reload": [[NONE], ["shot.usda", NONE]], "upload": [["none.png", "a.png"]],
+    "blame": [[NONE, "/World"], ["shot.usda", "/none"], ["shot.usda", "/World.none"]],
+    "diff": [[NONE, "1"], ["shot.usda", "none"], ["shot.usda", "1", "none"], ["shot.usda", "99999"]],
+    "revert": [["99999"], ["1-99999"], ["1", "--layer", NONE]], "restore": [["none"], ["1", NONE]],
     "mute": [[NONE, "shot.usda"], ["shot.usda", NONE]],
     "unmute": [[NONE, "shot.usda"], ["shot.usda", NONE]], "lock": [[NONE], ["locked.usda", NONE]],
     "unlock": [[NONE], ["locked.usda", NONE]], "help": [["nothing"]], "completion": [["nothing"]]}

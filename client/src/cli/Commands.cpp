@@ -14,13 +14,12 @@
 #include <optional>
 #include <set>
 
+#include "cli/Authoring.h"
 #include "cli/Json.h"
 #include "cli/Link.h"
-#include "cli/ProgressBar.h"
+#include "cli/Reach.h"
 #include "cli/Terminal.h"
 #include "cli/Text.h"
-#include "link/OwnName.h"
-#include "usdlive/common/core/ErrorPasses.h"
 #include "usdlive/common/fetch/IssuerSignIn.h"
 #include "usdlive/common/fetch/Join.h"
 #include "usdlive/common/layer/GlobalMuteness.h"
@@ -36,58 +35,14 @@ namespace {
 
 namespace event = client::event;
 
-constexpr double kTimeoutMs = 10'000;
 constexpr std::chrono::milliseconds kLookAround{1'000};
 constexpr std::chrono::milliseconds kProjectsTime{10'000};
-constexpr std::size_t kEditsShown = 8;  // edits printed for one commit
-constexpr Revision kLogPage = 1000;
 
 volatile std::sig_atomic_t interrupted = 0;
 
 std::int64_t wallClockMs() {
     using namespace std::chrono;
     return duration_cast<milliseconds>(system_clock::now().time_since_epoch()).count();
-}
-
-Result<UserName> userOf(const Common& options) {
-    return client::nameAt(options.target.server, options.user);
-}
-
-Result<std::unique_ptr<Link>> reach(const Common& options) {
-    const auto user = userOf(options);
-    if (!user) return tl::unexpected(user.error());
-    auto link = Link::connect(options.target.server, *user, kTimeoutMs);
-    if (link && !options.json && isForPeople()) (*link)->showProgress();
-    return link;
-}
-
-bool hasLayer(const Link& link, const LayerId& layer) {
-    return link.session().projectLayers().contains(layer);
-}
-
-Error noSuchLayer(const LayerId& layer) {
-    return {ErrorCode::LayerNotFound,
-            "the project has no layer " + layer.value + "; `usdlive ls` lists its layers"};
-}
-
-/// Returns the layer for the verb; empty if none was named.
-Result<LayerId> chosenLayer(const Link& link, const Common& options) {
-    if (options.target.layers.empty()) return LayerId{};
-    const LayerId& layer = options.target.layers.front();
-    if (!hasLayer(link, layer)) return tl::unexpected(noSuchLayer(layer));
-    return layer;
-}
-
-Result<Revision> chosenRevision(Link& link, const CatOptions& options) {
-    if (options.checkpoint.empty()) return options.revision;
-    const auto all = link.ask(ListCheckpoints{});
-    if (!all) return tl::unexpected(all.error());
-    const auto found = std::ranges::find(all->checkpoints, options.checkpoint, &Checkpoint::name);
-    if (found == all->checkpoints.end())
-        return fail(ErrorCode::InvalidArgument, "the project has no checkpoint '" +
-                                                    options.checkpoint +
-                                                    "'; `usdlive checkpoints` lists them");
-    return found->revision;
 }
 
 struct Fetched {
@@ -101,95 +56,12 @@ Result<Fetched> fetch(const CatOptions& options) {
     if (!link) return tl::unexpected(link.error());
     const auto id = chosenLayer(**link, options);
     if (!id) return tl::unexpected(id.error());
-    const auto revision = chosenRevision(**link, options);
+    const auto revision = options.checkpoint.empty() ? Result<Revision>(options.revision)
+                                                     : revisionOf(**link, options.checkpoint);
     if (!revision) return tl::unexpected(revision.error());
     auto layer = (*link)->fetch(*id, *revision);
     if (!layer) return tl::unexpected(layer.error());
     return Fetched{std::move(*link), *id, std::move(*layer)};
-}
-
-/// Options for printing a commit.
-struct CommitView {
-    LayerId layer;  ///< only edits of this layer; empty: all
-    std::size_t maxEdits = kEditsShown;
-    bool json = false;
-    Palette palette = Palette::of(STDOUT_FILENO);
-
-    [[nodiscard]] std::string text(const Commit& commit, Link& link) const {
-        return json ? line(toJson(commit, layer, link))
-                    : describe(commit, maxEdits, layer, palette);
-    }
-};
-
-Result<std::vector<Commit>> readLog(Link& link, Revision from, Revision to) {
-    std::vector<Commit> commits;
-    std::optional<Result<void>> done;
-    link.session().requestLog(
-        from, to, [&](const Commit& commit) { commits.push_back(commit); },
-        [&](Result<void> result) { done = std::move(result); });
-    const auto ran = link.run([&](const auto&) { return done.has_value(); });
-    if (!ran && (!done || !*done)) return tl::unexpected(ran.error());
-    if (!*done) return tl::unexpected(done->error());
-    return commits;
-}
-
-Result<std::string> shown(const Commit& commit, Link& link, const CommitView& view) {
-    if (view.json)
-        if (auto fetched = link.fetchBlobs(commit); !fetched)
-            return tl::unexpected(fetched.error());
-    return view.text(commit, link);
-}
-
-// Commits up to this revision were removed.
-Revision baseOf(const Link& link) { return link.welcome().base.value_or(0); }
-
-void warnOfBase(Revision base) {
-    if (base > 0)
-        std::cerr
-            << "usdlive: the history begins at revision " << base
-            << ": older commits were replaced by the content of the layers at that revision\n";
-}
-
-// Prints the latest `limit` commits of the layer, oldest first. Reads the history in pages from its
-// end.
-Result<void> showLatest(Link& link, std::size_t limit, const CommitView& view) {
-    std::deque<std::string> texts;
-    const Revision base = baseOf(link);
-    for (Revision to = link.welcome().revision; to > base && texts.size() < limit;) {
-        const Revision page = view.layer.empty() ? std::min<Revision>(kLogPage, limit) : kLogPage;
-        const Revision from = to - base > page ? to - page + 1 : base + 1;
-        const auto commits = readLog(link, from, to);
-        if (!commits) return tl::unexpected(commits.error());
-        for (auto commit = commits->rbegin(); commit != commits->rend(); ++commit) {
-            if (!concerns(*commit, view.layer) || texts.size() >= limit) continue;
-            auto text = shown(*commit, link, view);
-            if (!text) return tl::unexpected(text.error());
-            texts.push_front(std::move(*text));
-        }
-        to = from - 1;
-    }
-    for (const auto& text : texts) std::cout << text;
-    if (texts.size() < limit) warnOfBase(base);
-    return {};
-}
-
-Result<void> showFrom(Link& link, Revision first, std::size_t limit, const CommitView& view) {
-    std::size_t count = 0;
-    const Revision newest = link.welcome().revision;
-    if (first > newest)
-        return fail(ErrorCode::FutureRevision,
-                    "the project is at revision " + std::to_string(newest));
-    for (Revision from = first; from <= newest && count < limit; from += kLogPage) {
-        const auto commits = readLog(link, from, std::min(from + kLogPage - 1, newest));
-        if (!commits) return tl::unexpected(commits.error());
-        for (const auto& commit : *commits) {
-            if (!concerns(commit, view.layer) || count++ >= limit) continue;
-            const auto text = shown(commit, link, view);
-            if (!text) return tl::unexpected(text.error());
-            std::cout << *text;
-        }
-    }
-    return {};
 }
 
 /// Prints commits in order. With JSON, a commit waits for its big values.
@@ -299,34 +171,12 @@ using MakeEdits = std::function<std::vector<EditAction>(const LayerDoc&)>;
 /// Opens a layer and commits edits of its pseudo-root. Returns false if there was nothing to
 /// commit.
 Result<bool> editRoot(Link& link, const LayerId& layer, const MakeEdits& makeEdits) {
-    std::optional<Error> failed;
-    const auto ran = [&](const auto& done) {
-        return link.run([&](const std::vector<client::Event>& events) {
-            for (const auto& one : events) {
-                if (const auto* lost = std::get_if<event::Lost>(&one)) failed = lost->work.reason;
-                if (const auto* join = std::get_if<event::JoinFailed>(&one)) failed = join->reason;
-                // SE21: an editor waits; a person wants to know.
-                const auto* error = std::get_if<event::ServerError>(&one);
-                const ErrorCode code = error ? toError(error->message).code : ErrorCode::Internal;
-                if (errorPasses(code))
-                    failed = {code, layer.value + " was not changed: " +
-                                        std::string(errorText(code)) + " Try again later"};
-            }
-            return failed || done();
-        });
-    };
-    link.session().openLayer(layer);
-    const auto joined = ran([&] { return link.session().isJoined(layer); });
-    if (!joined) return tl::unexpected(joined.error());
-    if (failed) return tl::unexpected(*failed);
+    if (auto joined = joinLayers(link, {layer}); !joined) return tl::unexpected(joined.error());
     std::vector<client::AuthoredEdit> edits;
     for (EditAction& action : makeEdits(*link.session().view(layer)))
         edits.push_back({layer, "/", std::move(action)});
     if (edits.empty()) return false;
-    link.session().author(std::move(edits));
-    const auto sent = ran([&] { return link.session().pendingTransactions() == 0; });
-    if (!sent) return tl::unexpected(sent.error());
-    if (failed) return tl::unexpected(*failed);
+    if (auto done = submitEdits(link, std::move(edits)); !done) return tl::unexpected(done.error());
     return true;
 }
 
@@ -505,16 +355,6 @@ Result<void> tree(const CatOptions& options) {
     else
         std::cout << describeTree(fetched->layer.doc, Palette::of(STDOUT_FILENO));
     return {};
-}
-
-Result<void> log(const LogOptions& options) {
-    const auto link = reach(options);
-    if (!link) return tl::unexpected(link.error());
-    const auto layer = chosenLayer(**link, options);
-    if (!layer) return tl::unexpected(layer.error());
-    const CommitView view{*layer, options.all ? std::size_t(-1) : kEditsShown, options.json};
-    return options.from == 0 ? showLatest(**link, options.limit, view)
-                             : showFrom(**link, options.from, options.limit, view);
 }
 
 Result<void> watch(const Common& options) {

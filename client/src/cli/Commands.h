@@ -32,11 +32,6 @@ struct StageCommandOptions : CatOptions {
     bool composed = false;  ///< `tree` and `dump`: show `stage`
     ComposedOptions stage;
 };
-struct LogOptions : Common {
-    Revision from = 0;  ///< 0: the latest commits
-    std::size_t limit = 20;
-    bool all = false;  ///< prints every edit of a commit
-};
 struct CompactOptions : Common {
     std::optional<std::uint64_t> days;  ///< not set: the server's setting
 };
@@ -67,7 +62,6 @@ Result<void> list(const ListOptions& options);
 Result<void> who(const Common& options);
 Result<void> cat(const CatOptions& options);
 Result<void> tree(const CatOptions& options);
-Result<void> log(const LogOptions& options);
 /// Prints new commits until SIGINT or SIGTERM.
 Result<void> watch(const Common& options);
 /// Locks or unlocks each layer. An error names the holder of the lock.

@@ -2,13 +2,19 @@
 #include "cli/Grammar.h"
 
 #include <algorithm>
+#include <charconv>
 #include <cstdlib>
 #include <filesystem>
+#include <span>
 
 #include "cli/Commands.h"
 #include "cli/ComposedCommands.h"
+#include "cli/HistoryCommands.h"
+#include "cli/Moment.h"
+#include "cli/RevertCommands.h"
 #include "cli/Target.h"
 #include "usdlive/common/core/LayerPath.h"
+#include "usdlive/common/layer/SpecPath.h"
 
 namespace usdlive::cli {
 
@@ -78,6 +84,10 @@ public:
         addDump();
         addFlatten();
         addLog();
+        addBlame();
+        addDiff();
+        addRevert();
+        addRestore();
         addPlain("watch", "Print new commits until interrupted", "[URL] [LAYER]", kOptional, watch);
         addSave();
         addPlain("reload", "Replace layers by the content of their files on the server",
@@ -287,17 +297,172 @@ private:
         into.stage.served = ServedRoot{std::move(target), into.revision, into.checkpoint};
     }
 
+    /// Adds the options that choose commits, and a `path` only if `verb` has one layer.
+    static void addFilter(CLI::App& verb, CommitFilter& filter) {
+        verb.add_option_function<std::vector<std::string>>(
+                "--by",
+                [&filter](const std::vector<std::string>& names) {
+                    for (const auto& name : names) filter.users.insert(UserName{name});
+                },
+                "Only commits of this user; may be given again")
+            ->type_name("NAME")
+            ->allow_extra_args(false);
+        verb.add_option_function<std::string>(
+                "--since",
+                [&filter](const std::string& text) {
+                    filter.sinceMs = orUsageError(momentOf(text));
+                },
+                "Only commits since then: 30m, 2h, 3d, or '2026-11-29 14:05'")
+            ->type_name("TIME");
+        verb.add_option_function<std::string>(
+                "--until",
+                [&filter](const std::string& text) {
+                    filter.untilMs = orUsageError(momentOf(text));
+                },
+                "Only commits until then")
+            ->type_name("TIME");
+        verb.add_option("--path", filter.path,
+                        "Only edits of this spec and below; it is followed through renames")
+            ->type_name("PATH");
+        verb.add_option_function<std::vector<std::string>>(
+                "--kind",
+                [&filter](const std::vector<std::string>& names) {
+                    for (const auto& name : names) filter.kinds.insert(kindOrError(name));
+                },
+                "Only opinions of this kind, such as transform; may be given again")
+            ->type_name("KIND")
+            ->allow_extra_args(false);
+    }
+    static OpinionKind kindOrError(const std::string& name) {
+        if (const auto kind = opinionKindNamed(name)) return *kind;
+        std::string known;
+        for (const auto one : kOpinionKindNames)
+            known += (known.empty() ? "" : ", ") + std::string(one);
+        usageError("'" + name + "' is no kind of opinion; there are " + known);
+    }
+    static void checkPath(const std::string& path, const Target& target, const std::string& usage) {
+        if (path.empty()) return;
+        if (target.layers.size() != 1)
+            usageError("a path is one of a layer: name the layer, too: usdlive " + usage);
+        if (const auto parsed = specpath::parse(path); !parsed)
+            usageError("'" + path + "' is no path: " + parsed.error().message);
+    }
+
     void addLog() {
         auto options = std::make_shared<LogOptions>();
+        const auto read = [](const Words& words, LogOptions& into) {
+            into.target = orUsageError(parseTarget(words));
+            if (into.target.layers.size() > 1)
+                usageError("too many layers: usdlive log [URL] [LAYER]");
+            checkPath(into.filter.path, into.target, "log --path PATH [URL] LAYER");
+        };
         auto* verb = add("log", "Print the commits, the latest at the end", "[URL] [LAYER]",
-                         kOptional, options, log);
-        verb->add_option("--from", options->from,
-                         "Start at this revision instead of the latest commits")
-            ->check(CLI::Range(std::uint64_t(1), std::uint64_t(1) << 62).description(""));
+                         options, read, log);
+        auto* from =
+            verb->add_option("--from", options->from,
+                             "Start at this revision instead of the latest commits")
+                ->check(CLI::Range(std::uint64_t(1), std::uint64_t(1) << 62).description(""));
         verb->add_option("-n,--limit", options->limit, "The most commits to print")
             ->check(CLI::Range(std::uint64_t(1), std::uint64_t(1'000'000'000)).description(""))
             ->capture_default_str();
         verb->add_flag("-a,--all", options->all, "Print every edit of a commit");
+        addFilter(*verb, options->filter);
+        verb->get_option("--path")->excludes(from);
+    }
+
+    void addBlame() {
+        auto options = std::make_shared<BlameOptions>();
+        const auto read = [](Words words, BlameOptions& into) {
+            const std::string usage = "usdlive blame [URL] LAYER PATH[.FIELD]";
+            if (words.size() < 2) usageError("name a layer and a path: " + usage);
+            into.path = takeLast(words);
+            if (!into.path.starts_with('/'))
+                usageError("'" + into.path + "' is no path of a spec: " + usage);
+            into.target = orUsageError(parseTarget(words));
+            if (into.target.layers.size() != 1) usageError("name one layer: " + usage);
+        };
+        auto* verb = add("blame", "Print who has made the opinions of a spec, and when",
+                         "[URL] LAYER PATH[.FIELD]", options, read, blame);
+        verb->add_flag("-a,--all", options->below, "Also everything below the spec");
+    }
+
+    void addDiff() {
+        auto options = std::make_shared<DiffOptions>();
+        const auto read = [](Words words, DiffOptions& into) {
+            const std::string usage = "usdlive diff [URL] LAYER FROM [TO]";
+            if (words.size() >= 3 && !(words.size() == 3 && looksLikeAddress(words.front())))
+                into.to = takeLast(words);
+            if (words.size() < 2) usageError("name a layer and a revision: " + usage);
+            into.from = takeLast(words);
+            for (const std::string& word : {into.from, into.to})
+                refuseAddress(word, usage, "the URL is the first word");
+            into.target = orUsageError(parseTarget(words));
+            if (into.target.layers.size() != 1) usageError("name one layer: " + usage);
+            checkPath(into.path, into.target, usage);
+        };
+        auto* verb = add("diff", "Print what has changed in a layer between two revisions",
+                         "[URL] LAYER FROM [TO]", options, read, diff);
+        verb->add_option("--path", options->path, "Only this spec and everything below it")
+            ->type_name("PATH");
+        verb->add_flag("--usda", options->asLayer, "Print the new opinions as a layer");
+    }
+
+    void addRevert() {
+        auto options = std::make_shared<RevertOptions>();
+        auto layer = std::make_shared<std::string>();
+        const auto read = [layer](Words words, RevertOptions& into) {
+            const std::string usage = "usdlive revert [URL] REVISION[-REVISION]";
+            if (!words.empty() && !looksLikeAddress(words.back())) readRange(takeLast(words), into);
+            into.target = serverOnly(words, usage);
+            if (!layer->empty()) into.target.layers = {orUsageError(parseLayerId(*layer))};
+            const CommitFilter& filter = into.filter;
+            if (into.first == 0 && filter.users.empty() && filter.sinceMs < 0)
+                usageError("name what to revert: " + usage + ", or --by and --since");
+            checkPath(filter.path, into.target, "revert --layer LAYER --path PATH ...");
+        };
+        auto* verb = add("revert", "Take commits back, and leave what others have written since",
+                         "[URL] [REVISION[-REVISION]]", options, read, revert);
+        verb->add_option("--layer", *layer, "Only edits of this layer")->type_name("LAYER");
+        addFilter(*verb, options->filter);
+        verb->add_flag("--dry-run", options->dryRun, "Print what would be done, and do nothing");
+    }
+
+    static void readRange(std::string text, RevertOptions& into) {
+        const auto number = [&](std::string_view digits) {
+            if (digits.starts_with('#')) digits.remove_prefix(1);
+            Revision value = 0;
+            const auto [stop, error] =
+                std::from_chars(digits.data(), digits.data() + digits.size(), value);
+            if (error != std::errc() || stop != digits.data() + digits.size() || value == 0)
+                usageError("'" + text + "' is no revision: write 42, or 42-45");
+            return value;
+        };
+        const std::size_t dash = text.find('-');
+        into.first = number(std::string_view(text).substr(0, dash));
+        into.last = dash == std::string::npos ? into.first
+                                              : number(std::string_view(text).substr(dash + 1));
+        if (into.last < into.first) usageError("'" + text + "' ends before it begins");
+    }
+
+    void addRestore() {
+        auto options = std::make_shared<RestoreOptions>();
+        const auto read = [](Words words, RestoreOptions& into) {
+            const std::string usage = "usdlive restore [URL] REVISION|CHECKPOINT [LAYER...]";
+            const std::size_t at = !words.empty() && looksLikeAddress(words.front()) ? 1 : 0;
+            if (words.size() <= at) usageError("name a revision: " + usage);
+            into.to = words[at];
+            words.erase(words.begin() + std::ptrdiff_t(at));
+            for (const std::string& word : std::span(words).subspan(at))
+                refuseAddress(word, usage, "the URL is the first word");
+            refuseAddress(into.to, usage, "the URL is the first word");
+            into.target = orUsageError(parseTarget(words));
+            checkPath(into.path, into.target, "restore --path PATH [URL] REVISION LAYER");
+        };
+        auto* verb = add("restore", "Give layers the content of an earlier revision again",
+                         "[URL] REVISION|CHECKPOINT [LAYER...]", options, read, restore);
+        verb->add_option("--path", options->path, "Only this spec and everything below it")
+            ->type_name("PATH");
+        verb->add_flag("--dry-run", options->dryRun, "Print what would be done, and do nothing");
     }
 
     void addUnlock() {

@@ -334,6 +334,14 @@ Json toJson(const LayerDoc& doc, BlobSource& blobs) {
     return Json{{"specs", std::move(specs)}};
 }
 
+Json toJson(const client::KeptByUndo& kept) {
+    return Json{{"layer", kept.layer.value},
+                {"path", kept.path},
+                {"field", kept.field},
+                {"author", kept.author.value},
+                {"reason", kept.reason}};
+}
+
 Json treeToJson(const LayerDoc& doc) { return branchesBelow(doc, "/"); }
 
 Json toJson(const LayerState& state) {

@@ -4,6 +4,7 @@
 #include <nlohmann/json_fwd.hpp>
 #include <string>
 
+#include "usdlive/client/session/Undo.h"
 #include "usdlive/common/layer/Edit.h"
 #include "usdlive/common/layer/LayerDoc.h"
 #include "usdlive/common/protocol/Control.h"
@@ -32,6 +33,7 @@ using Json = nlohmann::ordered_json;
 [[nodiscard]] Json treeToJson(const LayerDoc& doc);
 [[nodiscard]] Json toJson(const LayerState& state);
 [[nodiscard]] Json toJson(const Presence& presence);
+[[nodiscard]] Json toJson(const client::KeptByUndo& kept);
 /// The fields of an answer, in the order of its declaration, without the number of the request.
 [[nodiscard]] Json answerToJson(const ControlMessage& answer);
 

@@ -107,7 +107,7 @@ struct Contents {
         return "{" + shortened(keys) + "}";
     }
     std::string operator()(const TimeSamples& value) const {
-        return number(value.samples.size()) + " samples";
+        return counted(value.samples.size(), "sample");
     }
     std::string operator()(const ListOp& value) const { return listText(value); }
     std::string operator()(const Map& value) const { return mapText(value); }
@@ -184,11 +184,11 @@ std::string sizeText(std::uint64_t bytes) {
     return text;
 }
 
+}  // namespace
+
 std::string counted(std::size_t count, const std::string& what) {
     return number(count) + " " + what + (count == 1 ? "" : "s");
 }
-
-}  // namespace
 
 std::string withoutControls(std::string_view text) {
     std::string out;
@@ -298,6 +298,14 @@ private:
 };
 
 }  // namespace
+
+std::string describe(const BlamedOpinion& opinion, Revision base, const Palette& palette) {
+    constexpr std::size_t kWidth = 40;  // the width of the other form
+    if (opinion.revision == 0)
+        return palette.paint(padded("before #" + number(base + 1), kWidth), Colour::Dim);
+    const std::string user = opinion.isImport ? "(file)" : printable(opinion.user.value);
+    return whoAndWhen(opinion.revision, std::uint64_t(opinion.timeMs), user, palette);
+}
 
 std::string describe(const LayerState& state, const Palette& palette) {
     std::vector<std::string> parts;

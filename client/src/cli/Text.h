@@ -7,6 +7,7 @@
 
 #include "cli/Terminal.h"
 #include "session/Session.h"
+#include "usdlive/common/history/Blame.h"
 #include "usdlive/common/layer/Edit.h"
 #include "usdlive/common/layer/LayerDoc.h"
 #include "usdlive/common/protocol/Control.h"
@@ -15,6 +16,9 @@ namespace usdlive::cli {
 
 /// Returns the text on one line, with escaped control characters.
 [[nodiscard]] std::string withoutControls(std::string_view text);
+
+/// Returns `1 edit` or `2 edits` for "edit".
+[[nodiscard]] std::string counted(std::size_t count, const std::string& what);
 
 /// Returns a value as a short text: `(1, 2, 3)`, `"hello"`, `float3[1024]`. One line without
 /// control characters.
@@ -26,6 +30,11 @@ namespace usdlive::cli {
 /// Returns a commit: a line with author and time, then one line for each edit, at most `maxEdits`.
 /// With `layer`, only edits of that layer.
 [[nodiscard]] std::string describe(const Commit& commit, std::size_t maxEdits, const LayerId& layer,
+                                   const Palette& palette);
+
+/// Returns who has made an opinion, and when: `#42  2026-01-02 03:04:05  ada`. `base`: where the
+/// history begins.
+[[nodiscard]] std::string describe(const BlamedOpinion& opinion, Revision base,
                                    const Palette& palette);
 
 /// Returns the text after a layer's name: `  changed, locked by ada, open: ada bob`; may be empty.

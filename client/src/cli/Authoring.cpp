@@ -1,0 +1,58 @@
+// Edits layers of a project from the command line.
+#include "cli/Authoring.h"
+
+#include <algorithm>
+#include <functional>
+#include <optional>
+#include <utility>
+
+#include "usdlive/common/core/ErrorPasses.h"
+
+namespace usdlive::cli {
+
+namespace {
+
+namespace event = client::event;
+
+// Works until `done` returns true, or something fails. Returns the revision of the last own commit.
+Result<Revision> runUntil(Link& link, const std::function<bool()>& done) {
+    std::optional<Error> failed;
+    Revision own = 0;
+    const auto ran = link.run([&](const std::vector<client::Event>& events) {
+        for (const auto& one : events) {
+            if (const auto* lost = std::get_if<event::Lost>(&one)) failed = lost->work.reason;
+            if (const auto* join = std::get_if<event::JoinFailed>(&one)) failed = join->reason;
+            if (const auto* committed = std::get_if<event::Committed>(&one);
+                committed && committed->commit.id.client == link.session().id())
+                own = committed->commit.revision;
+            // SE21: an editor waits; a person wants to know.
+            const auto* error = std::get_if<event::ServerError>(&one);
+            const ErrorCode code = error ? toError(error->message).code : ErrorCode::Internal;
+            if (errorPasses(code))
+                failed = {code, "nothing was changed: " + std::string(errorText(code)) +
+                                    " Try again later"};
+        }
+        return failed || done();
+    });
+    if (!ran) return tl::unexpected(ran.error());
+    if (failed) return tl::unexpected(*failed);
+    return own;
+}
+
+}  // namespace
+
+Result<void> joinLayers(Link& link, const std::set<LayerId>& layers) {
+    for (const LayerId& layer : layers) link.session().openLayer(layer);
+    const auto areJoined = [&] {
+        return std::ranges::all_of(
+            layers, [&](const LayerId& layer) { return link.session().isJoined(layer); });
+    };
+    return runUntil(link, areJoined).map([](Revision) {});
+}
+
+Result<Revision> submitEdits(Link& link, std::vector<client::AuthoredEdit> edits) {
+    link.session().author(std::move(edits));
+    return runUntil(link, [&] { return link.session().pendingTransactions() == 0; });
+}
+
+}  // namespace usdlive::cli
