@@ -7,6 +7,8 @@
 
 #include "SimClient.h"
 #include "SimText.h"
+#include "UndoCheck.h"
+#include "session/Reversal.h"
 #include "usdlive/common/layer/LayerLock.h"
 #include "usdlive/common/layer/SpecLocks.h"
 #include "usdlive/common/layer/TransactionExecutor.h"
@@ -308,6 +310,7 @@ private:
                         "a checkpoint is lost");
         }
         checkLog();
+        checkReversals();
         checkProjects();
         checkPeeks();
         if (style_.bigValues) server_.checkBlobs();
@@ -380,6 +383,41 @@ private:
                              " were said to be lost, " + std::to_string(client->uncertainEdits) +
                              " perhaps");
         }
+    }
+
+    // The work of one client, or of all, goes back. The newest writes of others stay.
+    void checkReversals() {
+        const auto chosen = random_.below(clients_.size() + 1);
+        const ClientId* one =
+            chosen < clients_.size() ? &clients_[chosen]->session().id() : nullptr;
+        const auto isChosen = [&](const Commit& commit) {
+            return one ? commit.id.client == *one : commit.id.sequence > 0;
+        };
+        LayerDocs before;
+        const std::vector<LayerId> layers = *server_.store().layers();
+        for (const LayerId& layer : layers) before[layer];
+        client::Reversal reversal(before);
+        UndoCheck others;
+        for (const server::CommitRecord& stored : server_.disk.commits()) {
+            const Commit commit =
+                *server::decodeCommit({stored.revision, stored.frame, stored.hash});
+            const bool isOurs = isChosen(commit);
+            const auto added = reversal.add(commit, [&](const Edit&) { return isOurs; });
+            require(added.has_value(), "the log cannot be reverted");
+            others.committed(commit, isOurs);
+        }
+        const LayerDocs present = reversal.layers();
+        const auto taken = reversal.takeBack();
+        LayerDocs after = present;
+        for (const auto& edit : taken.edits)
+            require(after.at(edit.layer)
+                        .apply(edit.path, edit.action, LayerDoc::By::Author)
+                        .has_value(),
+                    "an edit of a revert is refused");
+        const std::string changed = others.changed(present, after, taken.edits);
+        require(changed.empty(), "a revert changes " + changed);
+        report_.reverted += taken.edits.size();
+        report_.stayed += taken.kept.size();
     }
 
     // ID3: no transaction is in another project than the one for which it was made.

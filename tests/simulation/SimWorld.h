@@ -29,6 +29,8 @@ struct SimReport {
     std::uint64_t undos = 0, redos = 0;
     std::uint64_t kept = 0;          ///< registers that undos have left because others wrote them
     std::uint64_t undosChecked = 0;  ///< those compared with what others have written
+    std::uint64_t reverted = 0;      ///< edits that take work of the log back, in the end
+    std::uint64_t stayed = 0;        ///< registers and specs that such a revert has left
     std::string failure;             ///< empty: everything holds
 };
 

@@ -71,6 +71,8 @@ public:
             all.redos += one.redos;
             all.kept += one.kept;
             all.undosChecked += one.undosChecked;
+            all.reverted += one.reverted;
+            all.stayed += one.stayed;
             if (options.verbose) print("seed " + std::to_string(options.first + index), one);
             if (!one.failure.empty())
                 ADD_FAILURE() << "seed " << options.first + index << ": " << one.failure
@@ -89,6 +91,8 @@ public:
         EXPECT_GT(all.redos, 0u);
         EXPECT_GT(all.kept, 0u);
         EXPECT_GT(all.undosChecked, 0u);
+        EXPECT_GT(all.reverted, 0u);
+        EXPECT_GT(all.stayed, 0u);
     }
 
 private:
@@ -110,7 +114,8 @@ private:
             "%llu namespace edits (%llu of several layers, %llu refused), %llu writes to prims "
             "(%llu "
             "carried by moves), %llu other histories (joined %llu times, lacked %llu edits), "
-            "%llu undos, %llu redos (kept %llu of others, %llu compared)%s\n",
+            "%llu undos, %llu redos (kept %llu of others, %llu compared), %llu edits of reverts "
+            "(%llu stayed)%s\n",
             what.c_str(), number(report.commits), number(report.lost), number(report.restarts),
             number(report.snapshots), number(report.unloads), number(report.accepted),
             number(report.together), number(report.compactions), number(report.previewedBlobs),
@@ -119,7 +124,8 @@ private:
             number(report.refusedMoves), number(report.writes), number(report.carried),
             number(report.otherHistories), number(report.joinsOfOther), number(report.regained),
             number(report.undos), number(report.redos), number(report.kept),
-            number(report.undosChecked), report.failure.empty() ? "" : ", FAILED");
+            number(report.undosChecked), number(report.reverted), number(report.stayed),
+            report.failure.empty() ? "" : ", FAILED");
     }
 
     const std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();

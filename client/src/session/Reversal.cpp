@@ -118,8 +118,9 @@ Reversal::TakenBack Reversal::takeBack() {
     const auto author = [&](AuthoredEdit edit) -> Result<void> {
         LayerDoc& doc = layers_.at(edit.layer);
         Inverse inverse = inverseBefore(doc, edit.path, edit.action);
-        if (auto applied = doc.apply(edit.path, edit.action, LayerDoc::By::Author); !applied)
-            return tl::unexpected(std::move(applied.error()));
+        auto applied = doc.apply(edit.path, edit.action, LayerDoc::By::Author);
+        if (!applied) return tl::unexpected(std::move(applied.error()));
+        if (!applied->changed && concernsPlace(edit.action)) return {};  // M15: nothing is there
         stack_.add(last, std::uint32_t(taken.edits.size()), edit, std::move(inverse), doc,
                    last - 1);
         taken.edits.push_back(std::move(edit));
