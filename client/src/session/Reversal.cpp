@@ -20,6 +20,7 @@ public:
 
     void before(const LayerDoc& doc, const Edit& edit) override {
         inverse_.reset();
+        if (concernsPlace(edit.action) && !doc.has(edit.address.path)) return;  // M15: no effect
         if (!stack_.goesWithCreated(run_.revision, authored(edit)))
             inverse_ = inverseBefore(doc, edit.address.path, edit.action);
     }

@@ -54,7 +54,7 @@ struct UndoStack::Site : std::enable_shared_from_this<Site> {
         /// Set: it was not written by others, and is there because this direction kept its move.
         std::optional<Direction> keptBy = {};
     };
-    std::vector<Below> below;  // a created spec has here what others have written
+    std::vector<Below> below;  // a created or moved spec has here what others have written
 };
 
 /// The inverse of one edit.
@@ -585,14 +585,15 @@ void UndoStack::readOthers(const Unread& one, const std::string& path) {
     noteBelowCreated(layer, path, path, one.author, {});
 }
 
-// Notes for the created specs at `first` and above that `path` must not go with them.
+// Notes for the created specs at `first` and above that `path` must not go with them. A moved spec
+// may return below a created one.
 void UndoStack::noteBelowCreated(const LayerId& layer, const std::string& path,
                                  const std::string& first, const UserName& author,
                                  std::optional<Direction> keptBy) {
     std::vector<Site*> created;
     for (std::string above = first; above.size() > 1; above = specpath::parent(above))
         forEachAt(layer, above, [&](Site& at) {
-            if (at.createdIn != 0) created.push_back(&at);
+            if (at.createdIn != 0 || at.movedIn != 0) created.push_back(&at);
         });
     if (created.empty()) return;
     const SitePtr written = site(layer, path);
@@ -664,7 +665,10 @@ public:
                              below.author,
                              reason("it was written below what is undone", below.author)});
         }
-        if (!wanted.empty()) return deleteAround(path(), wanted);
+        if (!wanted.empty()) {
+            keepBelowOthers();
+            return deleteAround(path(), wanted);
+        }
         if (auto done = make(path(), DeleteSpec{}); !done) keep(done.error().message);
     }
 
@@ -688,6 +692,7 @@ public:
             const std::string parent = entry_->parent->path;
             if (auto done = make(path(), MoveSpec{{parent, {}}, moved.name, moved.place}); !done)
                 return keepMoved(done.error().message, {});
+            keepBelowOthers();
         }
         if (entry_->changesParent && doc()->has(path())) placeBefore(path());
     }
@@ -728,6 +733,16 @@ private:
                                     direction_);
     }
 
+    // The spec may be below another created one now, which others have not written into. What they
+    // have written here must not go with that.
+    void keepBelowOthers() {
+        if (isGone(path())) return;
+        for (const Site::Below& below : std::vector(entry_->site->below))
+            if (!below.keptBy || below.keptBy == direction_)
+                stack_.noteBelowCreated(entry_->site->layer, below.site ? below.site->path : path(),
+                                        specpath::parent(path()), below.author, below.keptBy);
+    }
+
     bool hasOther(const WrittenRegister& written, const FieldPart& part, UserName& other) const {
         bool found = false;
         stack_.forEachAt(entry_->site->layer, path(), [&](const Site& at) {
@@ -747,12 +762,12 @@ private:
     }
 
     // Others have committed a value before this pending edit: the edit replaces that one.
-    [[nodiscard]] WrittenRegister asPending(WrittenRegister written) const {
+    [[nodiscard]] WrittenRegister asPending(WrittenRegister written) {
         if (part_->revision != 0) return written;
         stack_.forEachAt(entry_->site->layer, path(), [&](const Site& at) {
             for (const Site::Write& write : at.writes) {
                 if (write.field != written.field || write.revision <= part_->seen ||
-                    stack_.isWrittenEarlier(*part_, *entry_))
+                    isWrittenEarlier(written))
                     continue;
                 const auto& part = written.own.part;
                 const auto* item = std::get_if<ListItem>(&part);
@@ -766,6 +781,37 @@ private:
             }
         });
         return written;
+    }
+
+    // Returns whether an earlier pending edit has written the register: what others have committed
+    // is below that one.
+    bool isWrittenEarlier(const WrittenRegister& written) {
+        if (part_->rewrites) return true;
+        if (!pendingWrites_) notePendingWrites();
+        bool found = false;
+        stack_.forEachAt(entry_->site->layer, path(), [&](const Site& at) {
+            const auto [begin, end] = pendingWrites_->equal_range({&at, written.field});
+            found = found || std::any_of(begin, end, [&](const auto& one) {
+                        const PendingWrite& write = one.second;
+                        const bool isEarlier = write.part == part_
+                                                   ? write.index < entry_->index
+                                                   : write.part->sequence < part_->sequence;
+                        return isEarlier && overlap(write.written->own.part, written.own.part);
+                    });
+        });
+        return found;
+    }
+    void notePendingWrites() {
+        pendingWrites_.emplace();
+        for (const auto& [sequence, parts] : stack_.pending_)
+            for (const auto& known : parts) {
+                const PartPtr part = known.lock();
+                if (!part) continue;
+                for (const Entry& entry : part->entries)
+                    if (const auto* written = std::get_if<WrittenRegister>(&entry.inverse))
+                        pendingWrites_->emplace(std::pair(entry.site.get(), written->field),
+                                                PendingWrite{part.get(), entry.index, written});
+            }
     }
 
     // The path at which the spec was, under its parent of now.
@@ -808,30 +854,14 @@ private:
     std::vector<KeptByUndo>& kept_;
     const Part* part_ = nullptr;
     const Entry* entry_ = nullptr;
-};
-
-// Returns whether an earlier pending edit has written the register: what others have committed is
-// below that one.
-bool UndoStack::isWrittenEarlier(const Part& part, const Entry& entry) const {
-    const auto& written = std::get<WrittenRegister>(entry.inverse);
-    const auto writesSame = [&](const Entry& other) {
-        const auto* earlier = std::get_if<WrittenRegister>(&other.inverse);
-        return earlier && &other != &entry && other.site->layer == entry.site->layer &&
-               other.site->path == entry.site->path && earlier->field == written.field &&
-               overlap(earlier->own.part, written.own.part);
+    // The registers that pending edits have written, by spec and field; unset: not needed so far.
+    struct PendingWrite {
+        const Part* part;
+        std::uint32_t index;
+        const WrittenRegister* written;
     };
-    if (part.rewrites) return true;
-    for (const Entry& other : part.entries)
-        if (other.index < entry.index && writesSame(other)) return true;
-    for (const auto& [sequence, parts] : pending_) {
-        if (sequence >= part.sequence) break;
-        for (const auto& known : parts)
-            if (const PartPtr earlier = known.lock();
-                earlier && std::ranges::any_of(earlier->entries, writesSame))
-                return true;
-    }
-    return false;
-}
+    std::optional<std::multimap<std::pair<const Site*, std::string>, PendingWrite>> pendingWrites_;
+};
 
 UndoResult UndoStack::takeBack(Direction direction, const View& view, const Author& author) {
     auto& from = direction == Direction::Undo ? undo_ : redo_;

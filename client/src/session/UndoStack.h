@@ -142,7 +142,6 @@ private:
     void readOthers(const Unread& one, const std::string& path);
     void noteBelowCreated(const LayerId& layer, const std::string& path, const std::string& first,
                           const UserName& author, std::optional<Direction> keptBy);
-    [[nodiscard]] bool isWrittenEarlier(const Part& part, const Entry& entry) const;
     void sweep();
     void bound();
 

@@ -440,3 +440,33 @@ TEST_F(UndoTest, UndosAndRedosRestoreTheLayerWhileOthersEditElsewhere) {
     EXPECT_EQ(peer.text("/B", "comment"), "4");
     EXPECT_TRUE(peer.agrees());
 }
+
+TEST_F(UndoTest, WhatOthersHaveWrittenElsewhereStaysWhenItIsMovedBackBelowACreatedSpec) {
+    author({authored("/C", createPrim())});
+    commitOwn();
+    author({authored("/C/D", createPrim())});
+    commitOwn();
+    author({authored("/C/D", MoveSpec{{"/", {}}, "E"})});
+    commitOwn();
+    othersWrite({edit("/E", setText("comment", "theirs"))});
+    EXPECT_TRUE(undo().done);  // it is /C/D again
+    commitOwn();
+    EXPECT_EQ(paths(undo()), Names{"/C/D "});
+    commitOwn();
+    EXPECT_EQ(paths(undo()), Names{"/C/D "});
+    commitOwn();
+    EXPECT_EQ(peer.text("/C/D", "comment"), "theirs");
+}
+
+TEST_F(UndoTest, WhatOthersHaveWrittenInAMovedSpecStaysWhenItsFormerParentGoes) {
+    author({authored("/C", createPrim()), authored("/C/D", createPrim())});
+    commitOwn();
+    author({authored("/C/D", MoveSpec{{"/", {}}, "E"})});
+    commitOwn();
+    othersWrite({edit("/E/F", createPrim())});
+    EXPECT_TRUE(undo().done);
+    commitOwn();
+    EXPECT_EQ(paths(undo()), Names{"/C/D/F "});
+    commitOwn();
+    EXPECT_TRUE(peer.editor.at(kShot).has("/C/D/F"));
+}
