@@ -51,7 +51,8 @@ struct UndoStack::Site : std::enable_shared_from_this<Site> {
     struct Below {
         SitePtr site;  // null: everything below
         UserName author;
-        /// Set: it was not written by others, and is there because this direction kept its move.
+        /// Set: others have not written it while it was below, but this direction has left it
+        /// there.
         std::optional<Direction> keptBy = {};
     };
     std::vector<Below> below;  // a created or moved spec has here what others have written
@@ -585,13 +586,15 @@ void UndoStack::readOthers(const Unread& one, const std::string& path) {
     noteBelowCreated(layer, path, path, one.author, {});
 }
 
-// Notes for the created specs at `first` and above that `path` must not go with them. A moved spec
-// may return below a created one.
+// Notes for the created specs at `first` and above that `path` must not go with them, but not for
+// those that are also above `except`. A moved spec may return below a created one.
 void UndoStack::noteBelowCreated(const LayerId& layer, const std::string& path,
                                  const std::string& first, const UserName& author,
-                                 std::optional<Direction> keptBy) {
+                                 std::optional<Direction> keptBy, const std::string& except) {
     std::vector<Site*> created;
-    for (std::string above = first; above.size() > 1; above = specpath::parent(above))
+    for (std::string above = first;
+         above.size() > 1 && (except.empty() || !specpath::hasPrefix(except, above));
+         above = specpath::parent(above))
         forEachAt(layer, above, [&](Site& at) {
             if (at.createdIn != 0 || at.movedIn != 0) created.push_back(&at);
         });
@@ -665,10 +668,7 @@ public:
                              below.author,
                              reason("it was written below what is undone", below.author)});
         }
-        if (!wanted.empty()) {
-            keepBelowOthers();
-            return deleteAround(path(), wanted);
-        }
+        if (!wanted.empty()) return deleteAround(path(), wanted);
         if (auto done = make(path(), DeleteSpec{}); !done) keep(done.error().message);
     }
 
@@ -689,10 +689,10 @@ public:
         const auto target = formerPath(moved.name);
         if (!target) return;
         if (*target != path()) {
-            const std::string parent = entry_->parent->path;
+            const std::string from = path(), parent = entry_->parent->path;
             if (auto done = make(path(), MoveSpec{{parent, {}}, moved.name, moved.place}); !done)
                 return keepMoved(done.error().message, {});
-            keepBelowOthers();
+            noteOthersBelow(from);
         }
         if (entry_->changesParent && doc()->has(path())) placeBefore(path());
     }
@@ -733,14 +733,14 @@ private:
                                     direction_);
     }
 
-    // The spec may be below another created one now, which others have not written into. What they
-    // have written here must not go with that.
-    void keepBelowOthers() {
+    // The spec has come from `from`, and may be below a created one now that others have not
+    // written into. What they have written here must not go with that.
+    void noteOthersBelow(const std::string& from) {
         if (isGone(path())) return;
         for (const Site::Below& below : std::vector(entry_->site->below))
             if (!below.keptBy || below.keptBy == direction_)
                 stack_.noteBelowCreated(entry_->site->layer, below.site ? below.site->path : path(),
-                                        specpath::parent(path()), below.author, below.keptBy);
+                                        specpath::parent(path()), below.author, direction_, from);
     }
 
     bool hasOther(const WrittenRegister& written, const FieldPart& part, UserName& other) const {
