@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <boost/asio/post.hpp>
+#include <thread>
 #include <utility>
 
 namespace usdlive::server {
@@ -29,6 +30,13 @@ constexpr milliseconds kSpacePause{500};
 constexpr milliseconds kRulesPause{200};
 // The pause between looks for sign-ins that have ended (AC23).
 constexpr milliseconds kSignInsPause{250};
+// Nobody's messages are handled while more than this waits for the store, and those of a party that
+// works more than others only while at most this does (SE23).
+constexpr std::size_t kFullStoreBytes = 8 * 1024 * 1024;
+constexpr std::size_t kFreeStoreBytes = 16 * 1024;
+// A worker's time is a part of the machine's, and takes nothing from the strand if there is another
+// processor.
+const unsigned kProcessors = std::max(1u, std::thread::hardware_concurrency());
 // The pause between searches for commits that are too old.
 constexpr milliseconds kHistoryPause{60 * 60 * 1'000};
 
@@ -47,9 +55,23 @@ ProjectRuntime::ProjectRuntime(asio::io_context& network, WorkerShares& workers,
       metrics_(metrics),
       clock_(clock),
       log_(log),
-      intake_([this](SessionId session, bool reading) {
-          transports_.of(session).setReading(session, reading);
-      }),
+      work_(network,
+            {[this](SessionId session, ByteView frames) { handle(session, frames); },
+             [this](SessionId session, bool reading) {
+                 transports_.of(session).setReading(session, reading);
+             },
+             [this](SessionId session) { return partyOf(session); }, [this] { return storeRoom(); },
+             [this](SessionId session, const std::exception& fault) {
+                 log_.write(LogLevel::Error, "session met a fault",
+                            {{"session", session}, {"error", fault.what()}});
+                 transports_.of(session).close(
+                     session,
+                     Error{ErrorCode::Internal, std::string(errorText(ErrorCode::Internal))});
+             }}),
+      intake_({[this](SessionId session, bool held) { work_.setHeld(session, held); },
+               [this](SessionId session, std::chrono::nanoseconds time) {
+                   work_.spent(session, time / kProcessors);
+               }}),
       // Called for a bug outside a session's message. The project is created again from its store.
       strand_(network, intake_,
               [this](const std::exception& fault) {
@@ -104,6 +126,7 @@ Result<void> ProjectRuntime::start(ProjectSetup setup) {
                 strand_.post([this, upTo](Project& project) {
                     history_.appended(upTo);
                     project.appended(upTo);
+                    work_.storeChanged();
                 });
             },
         .failed =
@@ -112,6 +135,7 @@ Result<void> ProjectRuntime::start(ProjectSetup setup) {
                     if (!storage_.resume()) return;  // the project was created again meanwhile
                     history_.dropped();
                     project.appendFailed(error, head);
+                    work_.storeChanged();
                 });
             },
         .closed = [this] { strand_.post([](Project& project) { project.storeClosed(); }); },
@@ -218,14 +242,36 @@ void ProjectRuntime::rolesChanged(const std::function<Role(const SignedIn&)>& ro
 }
 
 void ProjectRuntime::received(SessionId session, ByteView message) {
+    work_.received(session, message);
+}
+
+void ProjectRuntime::handle(SessionId session, ByteView frames) {
     Project* const project = strand_.project();
     if (!project) return;
-    project->received(session, message);
-    intake_.received(session);
+    project->received(session, frames);
     sweepSoon();
 }
 
+/// SE23: nobody can choose the group.
+Party ProjectRuntime::partyOf(SessionId session) {
+    const Project* const project = strand_.project();
+    const Subject* const subject = project ? project->subjectOf(session) : nullptr;
+    if (!subject) return {};
+    if (!subject->proof)
+        return {"at " + transports_.of(session).addressOf(session), subject->user.value};
+    const std::string& user = subject->proof->user.value;
+    if (user.empty()) return {"owner", subject->user.value};
+    return {"user " + user, {}};
+}
+
+FairTurns::Store ProjectRuntime::storeRoom() const {
+    const std::size_t waiting = intake_.storeBytes();
+    if (waiting > kFullStoreBytes) return FairTurns::Store::Full;
+    return waiting > kFreeStoreBytes ? FairTurns::Store::Busy : FairTurns::Store::Free;
+}
+
 void ProjectRuntime::closed(SessionId session) {
+    work_.closed(session);
     intake_.closed(session);
     blobs_.removeUnfinished(session);
     strand_.use([&](Project& project) { project.disconnected(session); });
@@ -243,6 +289,7 @@ void ProjectRuntime::startAgain() {
         asio::post(network_, [this] {
             history_.dropped();
             storage_.resume();
+            work_.storeChanged();
             makeProjectAgain();
         });
     });

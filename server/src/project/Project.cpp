@@ -176,6 +176,10 @@ std::vector<Hash> Project::unusedBlobs(const std::vector<Hash>& unnamed, Revisio
 Revision Project::durableRevision() const { return impl_->line_.durable(); }
 const ProjectCounters& Project::counters() const { return impl_->counters_; }
 std::size_t Project::sessionCount() const { return impl_->sessions_.clients(); }
+const Subject* Project::subjectOf(SessionId session) const {
+    const Session* found = impl_->sessions_.find(session);
+    return found ? &found->subject : nullptr;
+}
 const LayerDoc* Project::layer(const LayerId& layer) const { return impl_->line_.doc(layer); }
 
 }  // namespace usdlive::server

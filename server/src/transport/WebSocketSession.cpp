@@ -147,19 +147,20 @@ public:
 
     void start() override {
         beast::error_code ignored;
-        const auto peer = socket().remote_endpoint(ignored);
+        address_ = socket().remote_endpoint(ignored).address().to_string(ignored);
         upgrade_->seat->giveWayBy([io = &hub_.io, weak = weak_from_this()] {
             asio::post(*io, [weak] {
                 const auto self = weak.lock();
                 if (self && !self->hasSpoken()) self->end("gave way", LogLevel::Info);
             });
         });
-        hub_.log.write(LogLevel::Info, "session opened",
-                       {{"session", id()}, {"from", peer.address().to_string(ignored)}});
+        hub_.log.write(LogLevel::Info, "session opened", {{"session", id()}, {"from", address_}});
         stream_.async_accept(
             upgrade_->request,
             [self = shared_from_this()](beast::error_code error) { self->onAccepted(error); });
     }
+
+    const std::string& address() const override { return address_; }
 
     void setReading(bool reading) override {
         reading_ = reading;
@@ -364,6 +365,7 @@ private:
     websocket::stream<NetStream, false> stream_;
 
     beast::flat_buffer buffer_;
+    std::string address_;
     TimePoint received_;  // when bytes of a message arrived last
     bool reading_ = true;
     bool readPaused_ = false;  // a read would be running if reading_ were true

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <memory>
+#include <string>
 
 #include "SessionCore.h"
 #include "Upgrade.h"
@@ -15,6 +16,8 @@ public:
     /// Answers the request and starts to read.
     virtual void start() = 0;
     virtual void setReading(bool reading) = 0;
+    /// Returns the address of the client's end.
+    [[nodiscard]] virtual const std::string& address() const = 0;
 
     /// Writes the queued frames. If a write is running, it continues with them.
     virtual void flush() = 0;

@@ -64,6 +64,11 @@ public:
         if (const auto* found = find(session)) found->get()->setReading(reading);
     }
 
+    std::string addressOf(SessionId session) const override {
+        const auto* found = find(session);
+        return found ? found->get()->address() : std::string();
+    }
+
     void stop(const Error& why, milliseconds time, std::function<void()> done) override {
         stopped_ = std::move(done);
         stopDeadline_ = steady_clock::now() + time;

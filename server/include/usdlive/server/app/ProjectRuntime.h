@@ -19,6 +19,7 @@
 #include "usdlive/server/app/ServedBlobs.h"
 #include "usdlive/server/app/ServedFiles.h"
 #include "usdlive/server/app/SessionOutbox.h"
+#include "usdlive/server/app/SessionWork.h"
 #include "usdlive/server/app/SharedStore.h"
 #include "usdlive/server/app/StorageThread.h"
 #include "usdlive/server/app/StoreHistory.h"
@@ -93,6 +94,11 @@ private:
     void closed(SessionId session) override;
     void drained(SessionId session) override;
 
+    // The messages of sessions, in turns.
+    void handle(SessionId session, ByteView frames);
+    [[nodiscard]] Party partyOf(SessionId session);
+    [[nodiscard]] FairTurns::Store storeRoom() const;
+
     // Creating the project.
     void startAgain();
     void makeProject(ProjectBeginning beginning);
@@ -119,6 +125,7 @@ private:
     Log& log_;
 
     TransportTable transports_;
+    SessionWork work_;
     Intake intake_;
     ProjectStrand strand_;
     SessionOutbox outbox_;

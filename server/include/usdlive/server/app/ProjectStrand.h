@@ -3,6 +3,7 @@
 
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/post.hpp>
+#include <chrono>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -59,11 +60,13 @@ public:
         intake_.begin(session, bytes);
         workers.post([this, session, bytes, generation = generation_, work = std::move(work),
                       function = std::move(function)]() mutable {
+            const auto begin = std::chrono::steady_clock::now();
             auto result = resultOf(work);
+            const auto time = std::chrono::steady_clock::now() - begin;
             boost::asio::post(
-                network_, [this, session, bytes, generation, function = std::move(function),
+                network_, [this, session, bytes, time, generation, function = std::move(function),
                            result = std::move(result)]() mutable {
-                    intake_.end(session, bytes);
+                    intake_.end(session, bytes, time);
                     if (generation != generation_) return;
                     use([&](Project& project) { function(project, std::move(result)); });
                 });

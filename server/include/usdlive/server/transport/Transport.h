@@ -6,6 +6,7 @@
 #include <functional>
 #include <optional>
 #include <span>
+#include <string>
 
 #include "usdlive/common/core/Bytes.h"
 #include "usdlive/common/core/Result.h"
@@ -103,6 +104,10 @@ public:
     /// Pauses or resumes reading from a session whose messages arrive faster than they are
     /// processed.
     virtual void setReading(SessionId session, bool reading) = 0;
+
+    /// Returns the address of the session's other end, which its client cannot choose; the same for
+    /// all sessions of a transport that knows none.
+    [[nodiscard]] virtual std::string addressOf(SessionId) const { return {}; }
 
     /// Accepts no more connections and closes all sessions with the error. Calls `done` when the
     /// last one has ended, or after `time`, when the rest is cut off.
