@@ -1,6 +1,7 @@
 """Tests one project over DDS and WebSocket at the same time, in separate processes on loopback."""
 
 import os
+import pathlib
 import random
 import re
 import signal
@@ -250,6 +251,37 @@ def test_dd13_odd_samples_are_counted_logged_once_and_ignored(server, join, what
     logged = [line for line in server.log.read_text().splitlines() if "samples ignored" in line]
     assert len(logged) == 1 and reason in logged[0], logged
     assert metric(server, "usdlive_connections") >= 1
+
+
+def anonymous_mib(server: DdsServer) -> float:
+    """What the server's process has in memory that is not a file's."""
+    text = pathlib.Path(f"/proc/{server.process.pid}/smaps_rollup").read_text()
+    return int(re.search(r"^Anonymous:\s+(\d+)", text, re.MULTILINE)[1]) / 1024
+
+
+@pytest.mark.parametrize("what", ["garbage", "connections"])
+def test_dd16_a_participant_that_sends_as_fast_as_it_can_takes_bounded_memory(server, join, what):
+    ada, bo = join(server.dds, "ada"), join(server.dds, "bo")
+    for editor, name in ((ada, "ada"), (bo, "bo")):
+        editor.run("happened.clear()")
+        write(editor, name, 0, 10)
+    before = most = anonymous_mib(server)
+    sender, number = stranger("flood", what, "4"), 10
+    while sender.poll() is None:  # the others work meanwhile
+        write(ada, "ada", number, number + 5, 0.01)
+        write(bo, "bo", number, number + 5, 0.01)
+        most, number = max(most, anonymous_mib(server)), number + 5
+    said, error = sender.communicate()
+    assert error == "" and int(said) > 1_000
+    text = synced(server, [ada, bo])
+    assert text.count(f" {number - 1}: {(number - 1) * 7}") >= 1 and number > 15
+    assert most - before < 250, f"{most - before} MiB after {said} samples"
+    for editor in (ada, bo):
+        assert editor.run("result = [type(e).__name__ for e in happened if type(e).__name__ in ('Lost', 'Disconnected')]") == []
+    reason = "notGreeted" if what == "garbage" else "tooMany"
+    assert metric(server, "usdlive_ignored_samples_total", f'reason="{reason}"') > 100
+    if what == "connections":
+        assert metric(server, "usdlive_connections_total") < 200
 
 
 def secured(folder, *names):

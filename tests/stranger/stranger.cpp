@@ -3,6 +3,7 @@
 // work as in the client.
 //
 //   stranger read SECONDS           prints the states of layers and the presences, one a line
+//   stranger flood WHAT SECONDS     sends a kind (see kFloods) as fast as it can
 //   stranger send WHAT COUNT        sends samples of a kind (see kOdd) to the discovered server
 #include <dds/dds.h>
 
@@ -178,11 +179,21 @@ const std::map<std::string, Odd> kOdd{
          submit.flags = 8;
          frames.assign(300 * 1024, 7);
      }}};
+// Kinds that are sent as fast as possible.
+const std::map<std::string, Odd> kFloods{{"garbage",
+                                          [](auto& submit, const Seen&, auto& frames) {
+                                              submit.number = 1;
+                                              frames.assign(60 * 1024, 7);
+                                          }},
+                                         // Opens a connection of one client again and again.
+                                         {"connections", [](auto& submit, const Seen&, auto&) {
+                                              static std::uint64_t connection = 0;
+                                              submit.client = 0x57A96E20000;
+                                              submit.connection = ++connection;
+                                              submit.flags = 8;
+                                          }}};
 
-void send(dds_entity_t participant, const std::string& what, int count) {
-    const auto odd = kOdd.find(what);
-    if (odd == kOdd.end()) fail("unknown kind of sample: " + what);
-    const Seen seen = lookAround(participant, what.starts_with("otherC"));
+dds_entity_t submitWriter(dds_entity_t participant, const Seen& seen) {
     dds_qos_t* qos = dds_create_qos();
     dds_qset_partition1(qos, partitionOf(seen.server).c_str());
     const auto publisher = checked(dds_create_publisher(participant, qos, nullptr));
@@ -198,6 +209,38 @@ void send(dds_entity_t participant, const std::string& what, int count) {
         return dds_get_publication_matched_status(writer, &matched) == DDS_RETCODE_OK &&
                matched.current_count > 0;
     });
+    return writer;
+}
+
+/// Sends for some seconds. Prints the number of samples.
+void flood(dds_entity_t participant, const std::string& what, double seconds) {
+    const auto kind = kFloods.find(what);
+    if (kind == kFloods.end()) fail("unknown kind of flood: " + what);
+    const Seen seen = lookAround(participant, false);
+    const auto writer = submitWriter(participant, seen);
+    const auto end =
+        std::chrono::steady_clock::now() + std::chrono::milliseconds(int(seconds * 1000));
+    std::uint64_t count = 0;
+    for (; std::chrono::steady_clock::now() < end; ++count) {
+        usdlive_dds_Submit submit{};
+        submit.client = 0x57A96E20000 + count % 1'000;
+        submit.connection = 1;
+        submit.protocol = 1;
+        std::vector<std::uint8_t> frames(64, 0xFF);
+        kind->second(submit, seen, frames);
+        submit.frames = {std::uint32_t(frames.size()), std::uint32_t(frames.size()), frames.data(),
+                         false};
+        if (dds_write(writer, &submit) != DDS_RETCODE_OK) fail("a sample was not taken");
+    }
+    if (dds_wait_for_acks(writer, DDS_SECS(20)) != DDS_RETCODE_OK) fail("nobody has read it");
+    std::cout << count << "\n";
+}
+
+void send(dds_entity_t participant, const std::string& what, int count) {
+    const auto odd = kOdd.find(what);
+    if (odd == kOdd.end()) fail("unknown kind of sample: " + what);
+    const Seen seen = lookAround(participant, what.starts_with("otherC"));
+    const auto writer = submitWriter(participant, seen);
     for (int index = 0; index < count; ++index) {
         usdlive_dds_Submit submit{};
         submit.client = 0x57A96E20000 + std::uint64_t(index % 10);
@@ -224,7 +267,9 @@ int main(int argc, char** argv) {
         read((*domain)->participant(), std::stod(arguments[1]));
     else if (arguments.size() == 3 && arguments[0] == "send")
         send((*domain)->participant(), arguments[1], std::stoi(arguments[2]));
+    else if (arguments.size() == 3 && arguments[0] == "flood")
+        flood((*domain)->participant(), arguments[1], std::stod(arguments[2]));
     else
-        fail("read SECONDS, or send WHAT COUNT");
+        fail("read SECONDS, send WHAT COUNT, or flood WHAT SECONDS");
     return 0;
 }

@@ -6,6 +6,8 @@
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/post.hpp>
 #include <boost/asio/steady_timer.hpp>
+#include <map>
+#include <mutex>
 #include <optional>
 #include <set>
 #include <thread>
@@ -16,6 +18,7 @@
 #include "DdsSession.h"
 #include "DdsStatePublisher.h"
 #include "WhileAlive.h"
+#include "usdlive/common/core/Budget.h"
 #include "usdlive/common/core/Overloaded.h"
 #include "usdlive/common/core/Thread.h"
 #include "usdlive/common/dds/Topics.h"
@@ -42,6 +45,10 @@ constexpr milliseconds kAnnouncePause{1'000};
 constexpr milliseconds kAnnounceAnyway{2'000};
 // The DDS thread sleeps until samples arrive, at most this long.
 constexpr std::chrono::seconds kWait{10};
+constexpr milliseconds kReportPause{100};
+// A participant opens at most this many sessions in this time.
+constexpr std::uint64_t kMostOpened = 16;
+constexpr std::chrono::seconds kOpenPause{1};
 
 Submit copyOf(const dds::SubmitSample& sample, const dds::SampleInfo& info) {
     Submit submit;
@@ -64,13 +71,58 @@ Submit copyOf(const dds::SubmitSample& sample, const dds::SampleInfo& info) {
     return submit;
 }
 
-/// Receives the samples of clients on its own thread.
+/// The samples that wait for the network thread, by participant (DD16). Any thread.
+class WaitingSamples {
+public:
+    /// A client has at most one window of 4 MiB on its way.
+    static constexpr std::size_t kEach = 8u << 20;
+    static constexpr std::size_t kAll = 64u << 20;
+
+    /// Returns false if too much of the participant, or of all, waits already.
+    bool add(const Submit& submit) {
+        const std::lock_guard lock(mutex_);
+        const std::size_t bytes = bytesOf(submit);
+        if (bytes_.of(submit.participant) + bytes > kEach || bytes_.used() + bytes > kAll)
+            return false;
+        bytes_.take(submit.participant, bytes);
+        return true;
+    }
+    void remove(const Submit& submit) {
+        const std::lock_guard lock(mutex_);
+        bytes_.giveBack(submit.participant, bytesOf(submit));
+    }
+    [[nodiscard]] bool isEmpty() const {
+        const std::lock_guard lock(mutex_);
+        return bytes_.used() == 0;
+    }
+
+private:
+    static std::size_t bytesOf(const Submit& submit) {
+        return sizeof(Submit) + (submit.isTooLarge ? 0 : submit.segment.bytes.size());
+    }
+
+    mutable std::mutex mutex_;
+    Budget<dds::ParticipantId> bytes_;
+};
+
+/// Samples that were received at once, and the numbers of those that were not kept.
+struct Received {
+    std::vector<Submit> submits;
+    std::map<dds::ParticipantId, std::uint64_t> dropped;
+};
+
+/// Receives the samples of clients on its own thread. Takes them from DDS at once, however busy the
+/// network thread is, because there they would take memory without a bound.
 class SubmitThread {
 public:
-    using Take = std::function<void(std::vector<Submit>)>;
+    using Take = std::function<void(Received)>;
 
-    SubmitThread(const dds::Domain& domain, std::uint64_t server, Take take)
-        : reader_(domain, dds::partitionOf(server)), waitSet_(domain), take_(std::move(take)) {
+    SubmitThread(const dds::Domain& domain, std::uint64_t server, WaitingSamples& waiting,
+                 Take take)
+        : reader_(domain, dds::partitionOf(server)),
+          waitSet_(domain),
+          waiting_(waiting),
+          take_(std::move(take)) {
         waitSet_.attach(reader_.get());
         thread_ = startThread("dds submits", [this] { run(); });
     }
@@ -82,18 +134,26 @@ public:
 
 private:
     void run() {
+        Received received;
+        const auto keep = [&](const dds::SubmitSample& sample, const dds::SampleInfo& info) {
+            Submit submit = copyOf(sample, info);
+            if (waiting_.add(submit))
+                received.submits.push_back(std::move(submit));
+            else
+                ++received.dropped[info.participant];
+        };
         while (!leaving_) {
-            std::vector<Submit> submits;
-            reader_.take([&](const dds::SubmitSample& sample, const dds::SampleInfo& info) {
-                submits.push_back(copyOf(sample, info));
-            });
-            if (!submits.empty()) take_(std::move(submits));
-            waitSet_.wait(kWait);
+            const bool more = reader_.takeSome(keep);
+            // What was dropped is reported with the next samples, or when nothing waits any more.
+            if (!received.submits.empty() || (!received.dropped.empty() && waiting_.isEmpty()))
+                take_(std::exchange(received, {}));
+            if (!more) waitSet_.wait(received.dropped.empty() ? kWait : kReportPause);
         }
     }
 
     dds::Reader<dds::SubmitSample> reader_;
     dds::WaitSet waitSet_;
+    WaitingSamples& waiting_;
     const Take take_;
     std::atomic<bool> leaving_ = false;
     std::thread thread_;
@@ -114,10 +174,10 @@ public:
           commitWriter_(*domain, dds::partitionOf(server)),
           statePublisher_(*domain, server),
           timer_(io),
-          submitThread_(*domain, server, [this](std::vector<Submit> submits) {
+          submitThread_(*domain, server, waiting_, [this](Received samples) {
               asio::post(this->io,
-                         whileAlive(life_, [this, submits = std::move(submits)]() mutable {
-                             for (Submit& submit : submits) received(std::move(submit));
+                         whileAlive(life_, [this, samples = std::move(samples)]() mutable {
+                             take(std::move(samples));
                          }));
           }) {
         announce();
@@ -223,9 +283,7 @@ public:
     }
 
     void ignored(IgnoreReason reason, const Submit& submit) override {
-        if (!ignored_.add(reason, submit.participant)) return;
-        log.write(LogLevel::Warning, "samples ignored",
-                  {{"from", dds::textOf(submit.participant)}, {"reason", nameOf(reason)}});
+        ignored(reason, submit.participant, 1);
     }
 
     void finished(DdsSession& session) override {
@@ -252,6 +310,22 @@ private:
     }
 
     // --- Receiving
+
+    void ignored(IgnoreReason reason, const dds::ParticipantId& participant,
+                 std::uint64_t samples) {
+        if (!ignored_.add(reason, participant, samples)) return;
+        log.write(LogLevel::Warning, "samples ignored",
+                  {{"from", dds::textOf(participant)}, {"reason", nameOf(reason)}});
+    }
+
+    void take(Received samples) {
+        for (Submit& submit : samples.submits) {
+            waiting_.remove(submit);
+            received(std::move(submit));
+        }
+        for (const auto& [participant, count] : samples.dropped)
+            ignored(IgnoreReason::TooMany, participant, count);
+    }
 
     void received(Submit submit) {
         if (const auto reason = ignoreReasonOf(submit)) return ignored(*reason, submit);
@@ -297,9 +371,23 @@ private:
         return submit.answer && submit.segment.sequence == 0 && submit.ackReply == 0;
     }
 
+    /// DD16: a session costs two writers of DDS, also when it ends at once.
+    bool opensTooOften(const dds::ParticipantId& participant) {
+        const TimePoint now = steady_clock::now();
+        if (now >= openedSince_ + kOpenPause) {
+            opened_.clear();
+            openedSince_ = now;
+        }
+        return ++opened_[participant] > kMostOpened;
+    }
+
     std::shared_ptr<DdsSession> open(const Submit& submit) {
         if (sessions_.size() >= options.maxSessions) {
             ++DdsHub::counters.turnedAway;
+            return nullptr;
+        }
+        if (opensTooOften(submit.participant)) {
+            ignored(IgnoreReason::TooMany, submit);
             return nullptr;
         }
         try {
@@ -416,6 +504,9 @@ private:
     bool timerSet_ = false;
     std::optional<TimePoint> stopDeadline_;
     std::function<void()> stopped_;
+    std::map<dds::ParticipantId, std::uint64_t> opened_;  // sessions since openedSince_
+    TimePoint openedSince_;
+    WaitingSamples waiting_;
     SubmitThread submitThread_;  // the last member, because it posts to the others
 };
 

@@ -19,7 +19,9 @@ TEST(IgnoredSamples, DD13CountsAllAndReportsTheFirstOfAParticipant) {
     EXPECT_FALSE(samples.add(IgnoreReason::NotGreeted, participant(1)));
     EXPECT_FALSE(samples.add(IgnoreReason::Malformed, participant(1)));
     EXPECT_TRUE(samples.add(IgnoreReason::Malformed, participant(2)));
-    EXPECT_EQ(samples.counts(), (IgnoreCounts{2, 0, 0, 2}));
+    EXPECT_EQ(samples.counts(), (IgnoreCounts{2, 0, 0, 2, 0}));
+    EXPECT_FALSE(samples.add(IgnoreReason::TooMany, participant(2), 1'000));
+    EXPECT_EQ(samples.counts(), (IgnoreCounts{2, 0, 0, 2, 1'000}));
 }
 
 TEST(IgnoredSamples, KeepsABoundedNumberOfParticipants) {

@@ -192,22 +192,27 @@ public:
     /// even if their writer has left.
     template <class Each>
     void take(Each each) {
-        constexpr std::uint32_t kAtOnce = 64;
-        for (;;) {
-            void* samples[kAtOnce] = {};
-            dds_sample_info_t infos[kAtOnce];
-            const auto count = dds_take(reader_.get(), samples, infos, kAtOnce, kAtOnce);
-            if (count <= 0) return;
-            for (std::int32_t index = 0; index < count; ++index) {
-                const auto& sample = *static_cast<const Sample*>(samples[index]);
-                const bool gone = hasInstances(TopicOf<Sample>::kKind) &&
-                                  infos[index].instance_state != DDS_ALIVE_INSTANCE_STATE;
-                if (gone || infos[index].valid_data)
-                    each(sample, SampleInfo{!gone, origins_.of(reader_.get(),
-                                                               infos[index].publication_handle)});
-            }
-            dds_return_loan(reader_.get(), samples, count);
+        while (takeSome(each)) {
         }
+    }
+    /// The same for at most some tens of samples. Returns false if there was none.
+    template <class Each>
+    bool takeSome(Each& each) {
+        constexpr std::uint32_t kAtOnce = 64;
+        void* samples[kAtOnce] = {};
+        dds_sample_info_t infos[kAtOnce];
+        const auto count = dds_take(reader_.get(), samples, infos, kAtOnce, kAtOnce);
+        if (count <= 0) return false;
+        for (std::int32_t index = 0; index < count; ++index) {
+            const auto& sample = *static_cast<const Sample*>(samples[index]);
+            const bool gone = hasInstances(TopicOf<Sample>::kKind) &&
+                              infos[index].instance_state != DDS_ALIVE_INSTANCE_STATE;
+            if (gone || infos[index].valid_data)
+                each(sample, SampleInfo{!gone, origins_.of(reader_.get(),
+                                                           infos[index].publication_handle)});
+        }
+        dds_return_loan(reader_.get(), samples, count);
+        return true;
     }
 
 private:

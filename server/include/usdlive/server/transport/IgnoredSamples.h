@@ -13,9 +13,10 @@ enum class IgnoreReason {
     NotGreeted,     ///< its participant has never opened a session
     OtherClient,    ///< it names a client of another participant
     OtherProtocol,  ///< it has another protocol version
-    Malformed       ///< too large, or not allowed in its stream
+    Malformed,      ///< too large, or not allowed in its stream
+    TooMany         ///< its participant sends or connects faster than a client may
 };
-inline constexpr std::size_t kIgnoreReasons = 4;
+inline constexpr std::size_t kIgnoreReasons = 5;
 /// Returns the name for logs and metrics.
 [[nodiscard]] std::string_view nameOf(IgnoreReason reason);
 using IgnoreCounts = std::array<std::uint64_t, kIgnoreReasons>;
@@ -29,7 +30,7 @@ public:
     static constexpr std::size_t kMostParticipants = 1'024;
 
     /// Returns true for the first ignored sample of this participant.
-    bool add(IgnoreReason reason, const Participant& participant);
+    bool add(IgnoreReason reason, const Participant& participant, std::uint64_t samples = 1);
     [[nodiscard]] const IgnoreCounts& counts() const { return counts_; }
 
 private:
