@@ -348,6 +348,52 @@ def test_dd14_with_an_identity_one_edits_and_without_one_gets_nothing(secure_ser
     assert all(met.fullmatch(line) for line in before), before
 
 
+def account(server: DdsServer, *arguments: str) -> None:
+    done = usdlive("user", *arguments, str(server.folder))
+    assert done.returncode == 0, done.stderr
+
+
+def test_dd17_the_certificate_says_who_somebody_is_and_the_accounts_what_they_may(tmp_path, dds_domain, join, keys,
+                                                                                 monkeypatch):
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    folder = tmp_path / f"safe{random.SystemRandom().getrandbits(32):08x}"
+    folder.mkdir()
+    (folder / "root.usda").write_text(ROOT)
+    secured(keys, "eve")
+    for name, role in (("ada", "editor"), ("bo", "viewer")):
+        assert usdlive("user", "add", name, "--role", role, "--at", "127.0.0.1:1", str(folder)).returncode == 0
+    server = DdsServer(folder, tmp_path / "server.log", "--dds", "--dds-domain", str(dds_domain), "--dds-security",
+                       str(keys / "server")).start()
+
+    def entering(key: str, *options: str) -> subprocess.CompletedProcess:
+        monkeypatch.setenv("USDLIVE_DDS_SECURITY", str(keys / key))
+        return usdlive("cat", f"{server.dds}/root.usda", *options)
+
+    monkeypatch.setenv("USDLIVE_DDS_SECURITY", str(keys / "ada"))
+    ada = join(server.dds, "ada")
+    assert ada.run("result = live.role") == "editor"
+    write(ada, "ada", 0, 20)
+    ada.flush()
+    assert "133" in entering("ada").stdout  # under its own name
+    monkeypatch.setenv("USDLIVE_DDS_SECURITY", str(keys / "bo"))
+    bo = join(server.dds, "bo")
+    assert bo.run("result = live.role") == "viewer"
+
+    # ada's certificate under bo's name, and a certificate without an account.
+    refused = entering("ada", "--user", "bo")
+    assert refused.returncode != 0 and "you are signed in as ada, not as bo" in refused.stderr, refused.stderr
+    refused = entering("eve")
+    assert refused.returncode != 0 and "eve" in refused.stderr, refused.stderr
+
+    # A removed user is out within a second.
+    account(server, "remove", "ada")
+    ada.run("import time\nuntil = time.monotonic() + 5\n"
+            "while time.monotonic() < until and not any(type(e).__name__ in ('Lost', 'Disconnected') for e in happened): "
+            "live.tick(); time.sleep(0.05)\nresult = [type(e).__name__ for e in happened]")
+    assert "ada" in server.log.read_text() and "was ended" in server.log.read_text()
+    assert server.stop() == 0, server.log.read_text()
+
+
 @pytest.mark.parametrize("what", ["no folder", "no key", "key of another", "no certificate", "other permissions"])
 def test_dd14_keys_that_are_wrong_are_said_in_a_line(tmp_path, project, keys, what):
     (project / "root.usda").write_text(ROOT)

@@ -116,6 +116,8 @@ public:
 /// Reads the environment: USDLIVE_DDS_INTERFACE, USDLIVE_DDS_DOMAIN, USDLIVE_DDS_CONFIG (a file)
 /// and USDLIVE_DDS_SECURITY (a folder). Error: InvalidConfiguration if the domain is not a number.
 [[nodiscard]] Result<dds::DomainSettings> ddsSettings();
+/// Returns the user that the certificate of DDS Security names (DD17); empty without one.
+[[nodiscard]] std::string ddsIdentity(const dds::DomainSettings& settings);
 
 /// A project that is served over DDS.
 struct DdsProject {

@@ -96,7 +96,7 @@ public:
           beside_(domain, dds::partitionOf(server, client)),
           states_(domain, dds::partitionOf(server)),
           presences_(domain, dds::partitionOf(server)),
-          writer_(domain, dds::partitionOf(server)),
+          writer_(domain, dds::submitPartitionOf(server, domain.identity())),
           order_(kMaxMessageBytes),
           besideIn_(kMaxMessageBytes) {
         for (const dds_entity_t reader :

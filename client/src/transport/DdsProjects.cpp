@@ -86,6 +86,8 @@ Result<dds::DomainSettings> ddsSettings() {
     return settings;
 }
 
+std::string ddsIdentity(const dds::DomainSettings& settings) { return dds::identityOf(settings); }
+
 Result<std::vector<DdsProject>> listDdsProjects(const dds::DomainSettings& settings,
                                                 std::chrono::milliseconds time) {
     const auto domain = dds::createDomain(settings);

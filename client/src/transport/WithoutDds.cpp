@@ -15,6 +15,8 @@ tl::unexpected<Error> builtWithoutDds() {
 
 Result<dds::DomainSettings> ddsSettings() { return builtWithoutDds(); }
 
+std::string ddsIdentity(const dds::DomainSettings&) { return {}; }
+
 Result<std::unique_ptr<Connection>> createDdsConnection(const ServerAddress&,
                                                         const dds::DomainSettings&,
                                                         Connection::Brings) {

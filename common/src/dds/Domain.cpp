@@ -189,14 +189,17 @@ private:
 
 class Participant final : public Domain {
 public:
-    Participant(std::shared_ptr<CycloneDomain> domain, dds_entity_t participant)
-        : domain_(std::move(domain)), participant_(participant) {}
+    Participant(std::shared_ptr<CycloneDomain> domain, dds_entity_t participant,
+                std::string identity)
+        : domain_(std::move(domain)), participant_(participant), identity_(std::move(identity)) {}
     ~Participant() override { dds_delete(participant_); }
     std::int32_t participant() const override { return participant_; }
+    const std::string& identity() const override { return identity_; }
 
 private:
     const std::shared_ptr<CycloneDomain> domain_;
     const dds_entity_t participant_;
+    const std::string identity_;
 };
 
 /// Returns a domain number that only this process uses. Each domain object has its own one, apart
@@ -289,7 +292,7 @@ Result<std::unique_ptr<Domain>> createDomain(const DomainSettings& settings) {
     }
     const dds_entity_t participant = dds_create_participant(id, nullptr, nullptr);
     if (participant < 0) return failed("no participant on", dds_strretcode(-participant));
-    return std::make_unique<Participant>(std::move(domain), participant);
+    return std::make_unique<Participant>(std::move(domain), participant, identityOf(settings));
 }
 
 }  // namespace usdlive::dds

@@ -121,4 +121,17 @@ Result<std::string> securityConfig(const std::string& folder) {
            "</Cryptographic></Security>";
 }
 
+std::string identityOf(const DomainSettings& settings) {
+    if (settings.securityFolder.empty()) return {};
+    const auto path = std::filesystem::path(settings.securityFolder) / "identity.pem";
+    const std::unique_ptr<FILE, int (*)(FILE*)> file(std::fopen(path.c_str(), "r"), std::fclose);
+    const std::unique_ptr<X509, void (*)(X509*)> certificate(
+        file ? PEM_read_X509(file.get(), nullptr, nullptr, nullptr) : nullptr, X509_free);
+    char name[256] = {};
+    if (!certificate || X509_NAME_get_text_by_NID(X509_get_subject_name(certificate.get()),
+                                                  NID_commonName, name, sizeof name) <= 0)
+        return {};
+    return name;
+}
+
 }  // namespace usdlive::dds

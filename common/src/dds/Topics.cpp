@@ -45,10 +45,29 @@ Qos qosOf(TopicKind kind, bool writer) {
     return qos;
 }
 
-Qos qosOf(const std::string& partition) {
+Qos qosOf(const std::vector<std::string>& partitions) {
     Qos qos = newQos();
-    if (!partition.empty()) dds_qset_partition1(qos.get(), partition.c_str());
+    std::vector<const char*> names;
+    for (const std::string& partition : partitions)
+        if (!partition.empty()) names.push_back(partition.c_str());
+    if (!names.empty()) dds_qset_partition(qos.get(), std::uint32_t(names.size()), names.data());
     return qos;
+}
+
+constexpr std::string_view kAs = "/as/";
+
+/// Returns the user that the only partition of a writer names (DD17).
+std::string userOf(const dds_qos_t* qos) {
+    std::uint32_t count = 0;
+    char** names = nullptr;
+    if (!dds_qget_partition(qos, &count, &names)) return {};
+    const std::string partition = count == 1 ? names[0] : "";
+    for (std::uint32_t index = 0; index < count; ++index) dds_free(names[index]);
+    dds_free(names);
+    const std::size_t begin = partitionOf(0).size();
+    if (partition.size() <= begin || partition.compare(begin, kAs.size(), kAs) != 0) return {};
+    const std::string user = partition.substr(begin + kAs.size());
+    return partition.find_first_of("*?[") == std::string::npos ? user : "";
 }
 
 // Creates a topic. Readers and writers hold references to it.
@@ -69,6 +88,13 @@ std::string partitionOf(std::uint64_t server, std::uint64_t client) {
     return partitionOf(server) + "/" + hexOf(client);
 }
 
+std::string submitPartitionOf(std::uint64_t server, const std::string& user) {
+    return user.empty() ? partitionOf(server) : partitionOf(server) + std::string(kAs) + user;
+}
+std::vector<std::string> submitPartitionsOf(std::uint64_t server) {
+    return {partitionOf(server), submitPartitionOf(server, "*")};
+}
+
 std::uint64_t randomNumber() {
     std::random_device device;
     return (std::uint64_t(device()) << 32) | device();
@@ -84,32 +110,34 @@ std::string textOf(const ParticipantId& participant) {
     return text;
 }
 
-const ParticipantId& Origins::of(dds_entity_t reader, dds_instance_handle_t writer) {
+const Origins::Origin& Origins::of(dds_entity_t reader, dds_instance_handle_t writer) {
     const auto found = known_.find(writer);
     if (found != known_.end()) return found->second;
     if (known_.size() >= kMostWriters) known_.clear();
-    ParticipantId& participant = known_[writer];
+    Origin& origin = known_[writer];
     if (dds_builtintopic_endpoint_t* data = dds_get_matched_publication_data(reader, writer)) {
-        std::copy_n(data->participant_key.v, participant.size(), participant.begin());
+        std::copy_n(data->participant_key.v, origin.participant.size(), origin.participant.begin());
+        if (data->qos) origin.user = userOf(data->qos);
         dds_builtintopic_free_endpoint(data);
     }
-    return participant;
+    return origin;
 }
 
 Entity createWriter(const Domain& domain, const dds_topic_descriptor_t* descriptor,
                     const char* topic, TopicKind kind, const std::string& partition,
                     Entity& publisher) {
-    publisher = Entity(dds_create_publisher(domain.participant(), qosOf(partition).get(), nullptr));
+    publisher = Entity(dds_create_publisher(
+        domain.participant(), qosOf(std::vector<std::string>{partition}).get(), nullptr));
     const Entity shared = topicOf(domain, descriptor, topic);
     return Entity(
         dds_create_writer(publisher.get(), shared.get(), qosOf(kind, true).get(), nullptr));
 }
 
 Entity createReader(const Domain& domain, const dds_topic_descriptor_t* descriptor,
-                    const char* topic, TopicKind kind, const std::string& partition,
+                    const char* topic, TopicKind kind, const std::vector<std::string>& partitions,
                     Entity& subscriber) {
     subscriber =
-        Entity(dds_create_subscriber(domain.participant(), qosOf(partition).get(), nullptr));
+        Entity(dds_create_subscriber(domain.participant(), qosOf(partitions).get(), nullptr));
     const Entity shared = topicOf(domain, descriptor, topic);
     return Entity(
         dds_create_reader(subscriber.get(), shared.get(), qosOf(kind, false).get(), nullptr));

@@ -70,6 +70,7 @@ void AccessControl::serve(std::uint16_t port, const std::string& url, const std:
     followed_ = {::getpid(), signIn_.accounts()->version(), url, pin};
     write(followed_, followedFile_);
     accountsFile_.start({});
+    spread_(signIn_.accounts(), [] {});  // for users whom DDS brings, with a certificate
 }
 
 void AccessControl::stop() {

@@ -205,6 +205,20 @@ void ProjectRuntime::opened(SessionId session, const std::optional<SignedIn>& us
     if (!project)
         return transports_.of(session).close(session, Error{ErrorCode::Internal, "starting again"});
     auto present = user;
+    // DD17: keys without a partition of their own prove that somebody may take part, not who it is.
+    if (present && present->token == kByCertificate && present->user.value.empty()) {
+        if (roleOf_)
+            return transports_.of(session).close(
+                session,
+                Error{ErrorCode::SignInRequired,
+                      "the permissions of this certificate name no user: they must let it write "
+                      "usdlive_Submit in the partition usdlive/*/as/NAME only. "
+                      "server/tools/dds-keys makes such keys"});
+        present.reset();
+    }
+    if (present && present->token == kByCertificate && !roleOf_ &&
+        setup_.options.administrators.contains(present->user))
+        present->role = Role::Admin;
     if (present && roleOf_) present->role = roleOf_(*present);  // it may have changed meanwhile
     if (present && present->role == Role::None)
         return transports_.of(session).close(

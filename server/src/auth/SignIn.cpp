@@ -70,6 +70,8 @@ tl::expected<SignedIn, Stranger> SignIn::findIssued(std::string_view token,
 SignedIn SignIn::in(const Accounts& accounts, SignedIn user, const std::string& project) {
     if (user.issued)
         user.role = accounts.roleOf(user.user, project).value_or(user.issued->role);
+    else if (user.token == kByCertificate)
+        user.role = accounts.roleOf(user.user, project).value_or(Role::None);
     else if (user.token != kOwner)
         user.role = accounts.roleOf(user.user, user.token, project);
     return user;

@@ -53,6 +53,7 @@ constexpr std::chrono::seconds kOpenPause{1};
 Submit copyOf(const dds::SubmitSample& sample, const dds::SampleInfo& info) {
     Submit submit;
     submit.participant = info.participant;
+    submit.user = info.user;
     submit.protocol = sample.protocol;
     submit.client = sample.client;
     submit.connection = sample.connection;
@@ -119,7 +120,7 @@ public:
 
     SubmitThread(const dds::Domain& domain, std::uint64_t server, WaitingSamples& waiting,
                  Take take)
-        : reader_(domain, dds::partitionOf(server)),
+        : reader_(domain, dds::submitPartitionsOf(server)),
           waitSet_(domain),
           waiting_(waiting),
           take_(std::move(take)) {

@@ -42,6 +42,7 @@ public:
           client_(first.client),
           connection_(first.connection),
           participant_(first.participant),
+          user_(first.user),
           submits_(hub.options.maxMessageBytes) {
         const auto partition = dds::partitionOf(hub.server, client_);
         writers_ = std::make_shared<Writers>(
@@ -61,7 +62,8 @@ public:
 
     void start() override {
         hub_.log.write(LogLevel::Info, "session opened", {{"session", id()}, {"from", "dds"}});
-        open(std::nullopt);
+        if (hub_.options.domain.securityFolder.empty()) return open(std::nullopt);
+        open(SignedIn{UserName{user_}, Role::Editor, kByCertificate});
     }
 
     void received(Submit submit) override {
@@ -281,6 +283,7 @@ private:
     DdsHub& hub_;
     const std::uint64_t client_, connection_;
     const IgnoredSamples::Participant participant_;
+    const std::string user_;
     std::shared_ptr<Writers> writers_;
 
     dds::SegmentReceiver submits_;

@@ -23,6 +23,7 @@ class DdsSession;
 /// A Submit sample that was copied out of DDS.
 struct Submit {
     IgnoredSamples::Participant participant{};
+    std::string user;  ///< see SampleInfo::user
     std::uint8_t protocol = 0;
     std::uint64_t client = 0, connection = 0;
     std::uint64_t ackReply = 0, ackBeside = 0;

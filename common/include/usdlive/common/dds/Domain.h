@@ -32,6 +32,9 @@ inline constexpr std::array<const char*, 6> kSecurityFiles{"identity_ca.pem", "i
                                                            "identity.key",    "permissions_ca.pem",
                                                            "governance.p7s",  "permissions.p7s"};
 
+/// Returns the common name of the certificate in the security folder; empty if there is none.
+[[nodiscard]] std::string identityOf(const DomainSettings& settings);
+
 /// Receives the messages of Cyclone DDS. Called from any thread.
 using DomainLog = std::function<void(bool isError, std::string_view message)>;
 /// Sets the log for the process, because Cyclone DDS has only one. Without a log its messages are
@@ -49,6 +52,9 @@ public:
     virtual ~Domain() = default;
     /// Returns the dds_entity_t of the participant.
     [[nodiscard]] virtual std::int32_t participant() const = 0;
+    /// Returns the common name of this participant's certificate; empty without DDS Security, or if
+    /// a configuration file sets it up.
+    [[nodiscard]] virtual const std::string& identity() const = 0;
 };
 
 /// Error: InvalidConfiguration names the setting that Cyclone DDS does not accept.

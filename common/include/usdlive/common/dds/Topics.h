@@ -11,6 +11,7 @@
 #include <stdexcept>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "usdlive/common/core/Result.h"
 #include "usdlive/common/dds/Domain.h"
@@ -43,6 +44,10 @@ inline constexpr std::uint8_t kMore = 1, kEnd = 2, kHold = 4, kAnswer = 8;
 /// Return the partitions of a server's topics (DD2): for all its clients, and for one of them.
 [[nodiscard]] std::string partitionOf(std::uint64_t server);
 [[nodiscard]] std::string partitionOf(std::uint64_t server, std::uint64_t client);
+/// DD17: returns the partition in which a user writes Submit. Without a user it is the one above.
+[[nodiscard]] std::string submitPartitionOf(std::uint64_t server, const std::string& user);
+/// Returns the partitions of all users, for the server.
+[[nodiscard]] std::vector<std::string> submitPartitionsOf(std::uint64_t server);
 /// Returns a random number for the names of servers, clients and connections.
 [[nodiscard]] std::uint64_t randomNumber();
 
@@ -131,8 +136,8 @@ struct TopicOf<PresenceSample> {
                                   const char* topic, TopicKind kind, const std::string& partition,
                                   Entity& publisher);
 [[nodiscard]] Entity createReader(const Domain& domain, const dds_topic_descriptor_t* descriptor,
-                                  const char* topic, TopicKind kind, const std::string& partition,
-                                  Entity& subscriber);
+                                  const char* topic, TopicKind kind,
+                                  const std::vector<std::string>& partitions, Entity& subscriber);
 
 /// The GUID of a participant; zeros if it left before it could be looked up.
 using ParticipantId = std::array<std::uint8_t, 16>;
@@ -142,6 +147,8 @@ using ParticipantId = std::array<std::uint8_t, 16>;
 struct SampleInfo {
     bool alive = true;  ///< false: only the key is set; the instance or its writer has ended
     ParticipantId participant;  ///< the participant of the writer
+    /// DD17: the user in the partition of the writer; empty: none. With DDS Security it is proved.
+    std::string user;
 
     /// The writer of a disposed instance may be unknown.
     [[nodiscard]] bool isOf(const ParticipantId& expected) const {
@@ -149,15 +156,19 @@ struct SampleInfo {
     }
 };
 
-/// Caches the participants of the writers that a reader receives from. One thread.
+/// Caches the participants and users of the writers that a reader receives from. One thread.
 class Origins {
 public:
-    [[nodiscard]] const ParticipantId& of(dds_entity_t reader, dds_instance_handle_t writer);
+    struct Origin {
+        ParticipantId participant{};
+        std::string user;
+    };
+    [[nodiscard]] const Origin& of(dds_entity_t reader, dds_instance_handle_t writer);
 
 private:
     // The cache is cleared when it reaches this size, because writers that left stay in it.
     static constexpr std::size_t kMostWriters = 4'096;
-    std::map<dds_instance_handle_t, ParticipantId> known_;
+    std::map<dds_instance_handle_t, Origin> known_;
 };
 
 /// Writes samples into a partition ("" is the default one).
@@ -184,8 +195,11 @@ class Reader {
 public:
     Reader() = default;
     Reader(const Domain& domain, const std::string& partition)
+        : Reader(domain, std::vector<std::string>{partition}) {}
+    /// Reads several partitions. Their names may contain wildcards.
+    Reader(const Domain& domain, const std::vector<std::string>& partitions)
         : reader_(createReader(domain, TopicOf<Sample>::kDescriptor, TopicOf<Sample>::kName,
-                               TopicOf<Sample>::kKind, partition, subscriber_)) {}
+                               TopicOf<Sample>::kKind, partitions, subscriber_)) {}
     [[nodiscard]] dds_entity_t get() const { return reader_.get(); }
 
     /// Calls `each(const Sample&, const SampleInfo&)` for every received sample. Messages are alive
@@ -207,9 +221,9 @@ public:
             const auto& sample = *static_cast<const Sample*>(samples[index]);
             const bool gone = hasInstances(TopicOf<Sample>::kKind) &&
                               infos[index].instance_state != DDS_ALIVE_INSTANCE_STATE;
-            if (gone || infos[index].valid_data)
-                each(sample, SampleInfo{!gone, origins_.of(reader_.get(),
-                                                           infos[index].publication_handle)});
+            if (!gone && !infos[index].valid_data) continue;
+            const auto& origin = origins_.of(reader_.get(), infos[index].publication_handle);
+            each(sample, SampleInfo{!gone, origin.participant, origin.user});
         }
         dds_return_loan(reader_.get(), samples, count);
         return true;

@@ -18,6 +18,9 @@ struct IssuedSignIn {
     Role role = Role::None;   ///< for users without an account of their name
 };
 
+/// Stands for a token where a certificate of DDS Security proves the user (DD17).
+inline constexpr const char* kByCertificate = "certificate";
+
 /// A signed-in user, as a transport passes it on.
 struct SignedIn {
     /// Empty for the owner of the server's process, who may act in the name of any user.
