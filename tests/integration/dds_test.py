@@ -254,7 +254,7 @@ def test_dd13_odd_samples_are_counted_logged_once_and_ignored(server, join, what
 
 
 def anonymous_mib(server: DdsServer) -> float:
-    """What the server's process has in memory that is not a file's."""
+    """Returns how much memory the server's process has that is not a file's."""
     text = pathlib.Path(f"/proc/{server.process.pid}/smaps_rollup").read_text()
     return int(re.search(r"^Anonymous:\s+(\d+)", text, re.MULTILINE)[1]) / 1024
 

@@ -145,7 +145,7 @@ private:
         };
         while (!leaving_) {
             const bool more = reader_.takeSome(keep);
-            // What was dropped is reported with the next samples, or when nothing waits any more.
+            // Reports what was dropped with the next samples, or when nothing waits any more.
             if (!received.submits.empty() || (!received.dropped.empty() && waiting_.isEmpty()))
                 take_(std::exchange(received, {}));
             if (!more) waitSet_.wait(received.dropped.empty() ? kWait : kReportPause);
