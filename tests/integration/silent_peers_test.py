@@ -7,6 +7,7 @@ import base64
 import contextlib
 import os
 import socket
+import ssl
 import struct
 import time
 import urllib.request
@@ -44,12 +45,18 @@ def stops(hello):
     yield b"POST /live HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 100000000\r\n\r\n", None
 
 
+def trusting() -> ssl.SSLContext:
+    context = ssl.create_default_context()
+    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+    return context
+
+
 class Stopped:
     """A peer that sends so much and then nothing more."""
 
     def __init__(self, port, before, after=None):
         self.what = (before[-20:], after and len(after))
-        self.socket = socket.create_connection(("127.0.0.1", port), timeout=20)
+        self.socket = self.connected(port)
         self.socket.sendall(before)
         if after is not None:
             answer = b""
@@ -59,6 +66,10 @@ class Stopped:
                 answer += part
             self.socket.sendall(after)
         self.socket.setblocking(False)
+
+    @staticmethod
+    def connected(port):
+        return socket.create_connection(("127.0.0.1", port), timeout=20)
 
     def has_ended(self):
         with contextlib.suppress(BlockingIOError):
@@ -76,12 +87,18 @@ def hello():
     return masked(bytes(wire.hello(wire.new_client())))
 
 
-def connections(server):
-    with urllib.request.urlopen(f"http://127.0.0.1:{server.port}/metrics", timeout=20) as page:
+def metric(server, name):
+    scheme = "https" if "--tls" in server.options else "http"
+    url = f"{scheme}://127.0.0.1:{server.port}/metrics"
+    with urllib.request.urlopen(url, timeout=20, context=trusting()) as page:
         for line in page.read().decode().splitlines():
-            if line.startswith("usdlive_http_connections "):
+            if line.startswith(name + " "):
                 return int(float(line.split()[1]))
     raise AssertionError("no such metric")
+
+
+def connections(server):
+    return metric(server, "usdlive_http_connections")
 
 
 def memory(server):
@@ -114,6 +131,61 @@ def test_a_peer_that_stops_anywhere_is_ended_in_time(served, hello):
             time.sleep(0.05)
         edit(ada, 3.0)
         wait(lambda: connections(server) <= 3, ada)  # ada's session, her list of files, and this request
+
+
+def client_hello() -> bytes:
+    """The first message of a TLS handshake."""
+    outgoing = ssl.MemoryBIO()
+    with contextlib.suppress(ssl.SSLWantReadError):
+        trusting().wrap_bio(ssl.MemoryBIO(), outgoing).do_handshake()
+    return outgoing.read()
+
+
+class StoppedInTls(Stopped):
+    """The same over TLS, after the handshake."""
+
+    @staticmethod
+    def connected(port):
+        return trusting().wrap_socket(Stopped.connected(port))
+
+    def has_ended(self):
+        with contextlib.suppress(ssl.SSLWantReadError):
+            return super().has_ended()
+        return False
+
+
+def test_a_peer_that_stops_anywhere_in_tls_is_ended_in_time(served, hello, monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    server, first = served("--guest-seconds", "1", "--tls", "auto"), client_hello()
+    peers = [Stopped(server.port, first[:count]) for count in (0, 1, 4, 5, 6, len(first) // 2, len(first) - 1, len(first))]
+    peers += [StoppedInTls(server.port, *stop) for stop in list(stops(hello))[::4]]
+    assert len(peers) > 20
+    with connect(server, "ada") as ada:
+        edit(ada, 2.0)
+        end = time.monotonic() + 20
+        while left := [peer.what for peer in peers if not peer.has_ended()]:
+            assert time.monotonic() < end, left
+            ada.tick()
+            time.sleep(0.05)
+        edit(ada, 3.0)
+        wait(lambda: connections(server) <= 3, ada)
+
+
+@pytest.mark.parametrize("tls", [False, True])
+def test_fr6_a_session_that_never_reads_is_ended(served, hello, monkeypatch, tmp_path, tls):
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    server = served("--slow-reader-mib", "1", *(["--tls", "auto"] if tls else []))
+    silent = (StoppedInTls if tls else Stopped)(server.port, UPGRADE, hello)
+    with connect(server, "ada") as ada:
+        layer = ada.open_layer("shot.usda")
+        for number in range(200):  # 40 MB, which no buffer of the system holds
+            layer.GetPrimAtPath("/Ball").SetInfo("documentation", chr(97 + number % 26) * 200_000)
+            ada.tick()
+            if number % 10 == 9:
+                assert ada.flush(20)
+        edit(ada, 4.0)
+        wait(lambda: metric(server, 'usdlive_slow_readers_total{transport="websocket"}') == 1, ada, timeout=30)
+    del silent
 
 
 def test_silent_peers_keep_nobody_out(served, hello):
