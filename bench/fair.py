@@ -29,7 +29,9 @@ import random
 import re
 import selectors
 import signal
+import socket
 import statistics
+import struct
 import subprocess
 import sys
 import tempfile
@@ -225,6 +227,9 @@ def run_script(case: str, port: int, token: str) -> None:
             worker.work()
         crowd.turn(0.001)
     closed = sum(connection.closed for connection in workers)
+    for connection in crowd.connections:  # the server drops what it has not read yet
+        if not connection.closed:
+            connection.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
     print(json.dumps({"rate": sum(worker.taken() for worker in workers.values()) / (time.monotonic() - begin),
                       "closed": closed}), flush=True)
     crowd.close()
