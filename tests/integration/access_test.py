@@ -304,7 +304,17 @@ def test_rules_are_explained(project):
     told = access("ann", "root.usda", "/World/Props/Box")
     assert f"no   namespace  ({sentence})" in told and "yes  transform  (the role decides)" in told
     assert access("ann", "root.usda", "/World", "namespace") == "ann is editor\nyes  namespace  (the role decides)\n"
+    # Without a place it lists the actions (AC11).
+    with_actions = json.dumps({"format": 1, "rules": [
+        {"effect": "deny", "users": ["ann"], "actions": ["save", "lock"], "layers": ["root.*"]}]})
+    (project / ".usdlive" / "access.json").write_text(with_actions)
+    denied = "(rule 1 denies save, lock of root.* to ann)"
+    assert access() == denied[1:-1] + "\n"
+    told = access("ann", "root.usda").splitlines()
+    assert told[0] == "ann is editor" and f"no   save  {denied}" in told and f"no   lock  {denied}" in told
+    assert "yes  mute  (the role decides)" in told and "no   compact  (the role decides)" in told and len(told) == 10
+    assert "yes  save  (the role decides)" in access("ann", "set.usda")
     for words, why in ((("bob", "root.usda", "/World"), "'bob'"), (("ann", "root.usda", "World"), "path"),
-                       (("ann", "root.usda"), "PATH"), (("ann", "root.usda", "/", "colour"), "colour")):
+                       (("ann",), "LAYER"), (("ann", "root.usda", "/", "colour"), "colour")):
         ran = usdlive_("access", project, *words)
         assert ran.returncode != 0 and why in ran.stderr, (words, ran.stderr)

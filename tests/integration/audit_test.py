@@ -195,6 +195,33 @@ def test_an_editor_asks_what_it_may(studio):
         assert not later.may_edit("root.usda", "/World/Props", "transform")
 
 
+def test_refused_actions_are_recorded_with_the_rule(studio, tmp_path):
+    """AC11, AU1"""
+    ann = studio.join("ann", "editor")
+    opened(ann)
+    deny = [word for name in ("save", "reload", "lock", "upload", "createLayer", "checkpoint", "compact")
+            for word in ("--action", name)]
+    assert "has taken" in usdlive_("deny", studio.folder, "--user", "ann", *deny).stdout
+    rule = "rule 1 denies save, reload, lock, upload, createLayer, checkpoint, compact to ann"
+    wait(lambda: ann.may_do("save", "root.usda").why == rule, ann)
+    texture = tmp_path / "a.png"
+    texture.write_bytes(b"a")
+    assert ann.save("root.usda").failed[0].message == f"ann may not save root.usda: {rule}"
+    assert ann.reload("root.usda").failed[0].message == f"ann may not reload root.usda: {rule}"
+    ann.lock("root.usda")
+    ann.flush()
+    for call in (lambda: ann.upload(texture, "a.png"), lambda: ann.create_layer("new.usda"),
+                 lambda: ann.create_checkpoint("one"), lambda: ann.ask("compactHistory", days=0)):
+        with pytest.raises(usdlive.Error, match=rule):
+            call()
+    refusals = ("save refused", "reload refused", "edits refused", "upload refused", "new layer refused",
+                "checkpoint refused", "compaction refused")
+    wait(lambda: set(refusals) <= set(events(studio.folder)))
+    for record in audit(studio.folder):
+        if record["event"] in refusals:
+            assert record["user"] == "ann" and record["detail"].endswith(rule), record
+
+
 def test_rules_are_changed_by_commands(studio):
     """AC6"""
     folder = studio.folder
@@ -212,11 +239,16 @@ def test_rules_are_changed_by_commands(studio):
         "rule 2 allows transform, animation in /World/** of *.usda to ann",
         "rule 3 denies namespace to reviewer, editor"]
     assert "rule 2" in run("access", "ann", "root.usda", "/World/Hero", "transform").stdout
+    assert run("grant", "--user", "ann", "--action", "save", "--action", "takeOver").returncode == 0
+    assert run("access").stdout.splitlines()[-1] == "rule 4 allows save, takeOver to ann"
+    assert "yes  save  (rule 4" in run("access", "ann", "root.usda").stdout
+    assert run("revoke", "4").returncode == 0
     assert run("revoke", "1").stdout.startswith("rule 1 denies everything to ann\n")
     assert "rule 1 allows transform" in run("access").stdout
     before = (folder / ".usdlive" / "access.json").read_text()
     for words, why in ((("deny", "--user", "bob"), "'bob'"), (("deny", "--role", "boss"), "boss"),
-                       (("grant", "--kind", "colour"), "colour"), (("grant", "--path", "World"), "begin with /"),
+                       (("grant", "--kind", "colour"), "colour"), (("grant", "--action", "dance"), "dance"),
+                       (("deny", "--action", "save", "--path", "/World"), "two rules"), (("grant", "--path", "World"), "begin with /"),
                        (("grant", "--layer", "nothing/*"), "'nothing/*'"), (("revoke", "3"), "no rule 3"),
                        (("revoke", "0"), "no rule 0"), (("revoke",), "NUMBER"), (("revoke", "x"), "NUMBER")):
         ran = run(*words)

@@ -185,6 +185,7 @@ CALLS = {
     "save": [lambda live: live.save(NONE), lambda live: live.save("shot.usda", NONE)],
     "reload": [lambda live: live.reload(NONE)],
     "may_edit": [lambda live: live.may_edit(NONE)],
+    "may_do": [lambda live: live.may_do("save", NONE), lambda live: live.may_do("nothing", "shot.usda")],
     "lock": [lambda live: live.lock(NONE), lambda live: live.lock("other.usda")],
     "unlock": [lambda live: live.unlock(NONE), lambda live: live.unlock("other.usda")],
     "mute": [lambda live: live.mute(NONE, "shot.usda"), lambda live: live.mute("shot.usda", NONE),

@@ -247,6 +247,12 @@ public:
         return {may.isAllowed, may.why};
     }
 
+    std::pair<bool, std::string> mayDo(const std::string& action,
+                                       const std::optional<std::string>& layer) {
+        const auto may = orRaise(client("may_do").mayDo(action, LayerId{layer.value_or("")}));
+        return {may.isAllowed, may.why};
+    }
+
     nb::list layerStates() {
         nb::list states;
         for (const auto& [layer, state] : client("layer_states").layerStates())
@@ -458,6 +464,7 @@ NB_MODULE(_usdlive, module) {
         .def("set_locked", &PythonClient::setLocked)
         .def("layer_states", &PythonClient::layerStates)
         .def("may_edit", &PythonClient::mayEdit)
+        .def("may_do", &PythonClient::mayDo)
         .def("show_presence", &PythonClient::showPresence, nb::arg("selection"), nb::arg("camera"),
              nb::arg("time").none(), nb::arg("edit_target"), nb::arg("data"))
         .def("hide_presence",

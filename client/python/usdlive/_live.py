@@ -682,6 +682,16 @@ class Live:
         the project is not known."""
         return events.Permission(*self._client.may_edit(layer, path, kind or ""))
 
+    def may_do(self, action: str, layer: str | None = None) -> events.Permission:
+        """Returns whether this user may do something else than edit now, by role, access rules and the layer's lock.
+        Asks nobody and does not wait. `action` is "save", "reload", "lock", "takeOver" (end the lock of somebody else),
+        "mute" (for everybody, in a root layer), "upload" (`layer` is a file of the project), "createLayer",
+        "checkpoint" or "compact"; the last two concern the project, and there is no `layer`. After an
+        `events.RightsChanged` or `events.LayerStatesChanged` the answer may be another one. Raises an Error for another
+        action, for a layer that the project does not have (except for "upload" and "createLayer"), and while the project
+        is not known."""
+        return events.Permission(*self._client.may_do(action, layer))
+
     @property
     def revision(self) -> int:
         """The newest revision that is confirmed and applied here."""

@@ -389,12 +389,12 @@ class UnsentFound:
 
 @dataclasses.dataclass(frozen=True)
 class RightsChanged:
-    """An administrator has changed what this user may write: `may_edit()` answers anew."""
+    """An administrator has changed what this user may do: `may_edit()` and `may_do()` answer anew."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Permission:
-    """The answer of `may_edit()`, which is true if the user may. Otherwise `why` is a sentence."""
+    """The answer of `may_edit()` and `may_do()`, which is true if the user may. Otherwise `why` is a sentence."""
 
     allowed: bool
     why: str

@@ -70,8 +70,9 @@ public:
         app_.add_subcommand("user", "Add and remove users of a server; see usdlive user --help");
         app_.add_subcommand("access",
                             "Print the access rules of a project; see usdlive access --help");
-        app_.add_subcommand("grant", "Allow opinions in a project; see usdlive grant --help");
-        app_.add_subcommand("deny", "Deny opinions in a project; see usdlive deny --help");
+        app_.add_subcommand("grant",
+                            "Allow edits and actions in a project; see usdlive grant --help");
+        app_.add_subcommand("deny", "Deny edits and actions in a project; see usdlive deny --help");
         app_.add_subcommand("revoke", "Remove an access rule; see usdlive revoke --help");
         app_.add_subcommand("audit", "Print and check the audit log; see usdlive audit --help");
         addJoin();

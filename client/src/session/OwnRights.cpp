@@ -1,6 +1,7 @@
 // Takes the role and the access rules of this user from messages.
 #include "session/OwnRights.h"
 
+#include <algorithm>
 #include <string>
 
 namespace usdlive::client {
@@ -8,6 +9,8 @@ namespace usdlive::client {
 void OwnRights::welcomed(const Welcome& message) {
     // An older server knows no roles, and everybody may edit.
     role_ = roleNamed(message.role.value_or("")).value_or(Role::Editor);
+    areActionsRuled_ =
+        std::ranges::find(message.features, kActionsFeature) != message.features.end();
     take(message.rules.value_or(std::vector<SentRule>()));
 }
 

@@ -1,4 +1,4 @@
-// The rights of this user: what the server lets them write (AC3, AC6, AC8).
+// The rights of this user: what the server lets them write and do (AC3, AC6, AC8, AC11).
 #pragma once
 
 #include <optional>
@@ -25,6 +25,10 @@ public:
                                                OpinionKind kind) const {
         return rules_.decide({user_, role_, layer, path, kind, groups_});
     }
+    [[nodiscard]] AccessRules::Decision decide(ProjectAction action, const LayerId& place) const {
+        const AccessRules::ActionQuestion question{user_, role_, action, place, groups_};
+        return areActionsRuled_ ? rules_.decide(question) : AccessRules().decide(question);
+    }
     /// Returns whether the user may write something in the layer.
     [[nodiscard]] bool mayWriteIn(const LayerId& layer) const {
         return rules_.mayWriteIn(user_, role_, layer, groups_);
@@ -38,6 +42,7 @@ private:
     Role role_ = Role::Editor;
     std::set<std::string> groups_;  // those that rules name
     AccessRules rules_;
+    bool areActionsRuled_ = false;  // by an older server, the role alone decides about them
 };
 
 }  // namespace usdlive::client

@@ -3,8 +3,8 @@
 
 #include <algorithm>
 #include <iterator>
+#include <limits>
 #include <nlohmann/json.hpp>
-#include <tuple>
 
 #include "usdlive/common/core/Utf8.h"
 
@@ -42,11 +42,18 @@ std::vector<std::string> textsIn(const Json& rule, const char* name, const std::
     return texts;
 }
 
+template <std::size_t N>
+std::string noneOf(const std::string& name, const std::array<std::string_view, N>& names) {
+    std::string all;
+    for (const auto one : names) all += (all.empty() ? "" : ", ") + std::string(one);
+    return inQuotes(name) + ", which is none of " + all;
+}
+
 AccessRule ruleIn(const Json& json, const std::string& where) {
     if (!json.is_object()) throw Wrong{where + " is not an object"};
     for (const auto& [name, value] : json.items())
         if (name != "effect" && name != "users" && name != "roles" && name != "groups" &&
-            name != "layers" && name != "paths" && name != "kinds")
+            name != "layers" && name != "paths" && name != "kinds" && name != "actions")
             throw Wrong{where + " has an unknown member " + inQuotes(name)};
     AccessRule rule;
     const auto effect = json.find("effect");
@@ -68,14 +75,18 @@ AccessRule ruleIn(const Json& json, const std::string& where) {
             throw Wrong{"the path " + inQuotes(path) + " of " + where + " does not begin with /"};
     for (const std::string& name : textsIn(json, "kinds", where)) {
         const auto kind = opinionKindNamed(name);
-        if (!kind) {
-            std::string all;
-            for (const auto one : kOpinionKindNames)
-                all += (all.empty() ? "" : ", ") + std::string(one);
-            throw Wrong{where + " names the kind " + inQuotes(name) + ", which is none of " + all};
-        }
+        if (!kind) throw Wrong{where + " names the kind " + noneOf(name, kOpinionKindNames)};
         rule.kinds.insert(*kind);
     }
+    for (const std::string& name : textsIn(json, "actions", where)) {
+        const auto action = projectActionNamed(name);
+        if (!action) throw Wrong{where + " names the action " + noneOf(name, kProjectActionNames)};
+        rule.actions.insert(*action);
+    }
+    if (!rule.actions.empty() && !rule.paths.empty())
+        throw Wrong{where +
+                    " has both actions and paths. An action concerns a whole layer or the project; "
+                    "write two rules"};
     return rule;
 }
 
@@ -157,6 +168,34 @@ Named namedBy(const AccessRule& rule, const UserName& user, Role role,
     return isForAll ? Named::Everybody : Named::Nobody;
 }
 
+/// Returns whether the rule is about edits of this kind.
+bool isAbout(const AccessRule& rule, OpinionKind kind) {
+    return rule.kinds.empty() ? rule.actions.empty() : rule.kinds.contains(kind);
+}
+
+/// Returns whether the rule is about an action that it does not name. A lock or a mute is a
+/// metadatum of the layer, and an action of administrators is allowed by its name only.
+bool isAboutUnnamed(const AccessRule& rule, ProjectAction action) {
+    if (rule.allows && roleFor(action) == Role::Admin) return false;
+    if (isDoneByEdits(action)) return isAbout(rule, OpinionKind::Metadata);
+    return rule.kinds.empty() && rule.actions.empty();
+}
+
+/// The weight of a rule, of which the heaviest decides. In this order: who, which action or where
+/// in the namespace, which layer, which kind; then a denial.
+struct Weight {
+    Named who;
+    std::size_t place, layer;
+    bool byKind, denies;
+    auto operator<=>(const Weight&) const = default;
+};
+/// How a rule fits a question. `place` 0: it does not.
+struct Fit {
+    std::size_t place = 0;
+    bool byKind = false;
+};
+constexpr std::size_t kNamesTheAction = std::numeric_limits<std::size_t>::max();
+
 std::string joined(const std::vector<std::string>& texts) {
     std::string all;
     for (const std::string& text : texts) all += (all.empty() ? "" : ", ") + text;
@@ -189,14 +228,16 @@ std::string textOf(const AccessRule& rule) {
         if (!texts.empty()) json[name] = std::move(texts);
     };
     add("users", {rule.users.begin(), rule.users.end()});
-    std::vector<std::string> roles, kinds;
+    std::vector<std::string> roles, kinds, actions;
     for (const Role role : rule.roles) roles.emplace_back(nameOf(role));
     for (const OpinionKind kind : rule.kinds) kinds.emplace_back(nameOf(kind));
+    for (const ProjectAction action : rule.actions) actions.emplace_back(nameOf(action));
     add("roles", std::move(roles));
     add("groups", {rule.groups.begin(), rule.groups.end()});
     add("layers", rule.layers);
     add("paths", rule.paths);
     add("kinds", std::move(kinds));
+    add("actions", std::move(actions));
     return json.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
 }
 
@@ -244,6 +285,9 @@ std::vector<SentRule> AccessRules::of(const UserName& user, Role role,
         one.layers = rule.layers;
         one.paths = rule.paths;
         for (const OpinionKind kind : rule.kinds) one.kinds.emplace_back(nameOf(kind));
+        if (rule.actions.empty()) continue;
+        one.actions.emplace();
+        for (const ProjectAction action : rule.actions) one.actions->emplace_back(nameOf(action));
     }
     return sent;
 }
@@ -263,8 +307,11 @@ AccessRules AccessRules::received(const std::vector<SentRule>& sent) {
             if (const auto role = roleNamed(name)) rule.roles.insert(*role);
         for (const std::string& name : one.kinds)
             if (const auto kind = opinionKindNamed(name)) rule.kinds.insert(*kind);
-        // A rule about unknown kinds only is none about all kinds.
-        if (rule.kinds.empty() && !one.kinds.empty()) continue;
+        for (const std::string& name : one.actions.value_or(std::vector<std::string>()))
+            if (const auto action = projectActionNamed(name)) rule.actions.insert(*action);
+        // A rule about unknown kinds or actions only is none about everything.
+        const bool namesSome = !one.kinds.empty() || one.actions;
+        if (namesSome && rule.kinds.empty() && rule.actions.empty()) continue;
         rules.rules_.push_back(std::move(rule));
     }
     return rules;
@@ -274,7 +321,8 @@ bool AccessRules::mayWriteIn(const UserName& user, Role role, const LayerId& lay
                              const std::set<std::string>& groups) const {
     if (!concern(user, role, groups)) return role >= Role::Editor;
     const auto allowsSomewhere = [&](const AccessRule& rule) {
-        return rule.allows && namedBy(rule, user, role, groups) != Named::Nobody &&
+        const bool isAboutEdits = rule.actions.empty() || !rule.kinds.empty();
+        return rule.allows && isAboutEdits && namedBy(rule, user, role, groups) != Named::Nobody &&
                strengthOf(rule.layers, layer.value) > 0;
     };
     if (std::ranges::any_of(rules_, allowsSomewhere)) return true;
@@ -285,26 +333,44 @@ bool AccessRules::mayWriteIn(const UserName& user, Role role, const LayerId& lay
     return false;
 }
 
-AccessRules::Decision AccessRules::decide(const Question& question) const {
-    Decision decision{question.role >= Role::Editor, std::nullopt};
+/// Decides by the heaviest rule. `fitOf` returns how a rule fits the question.
+template <class Asked, class FitOf>
+AccessRules::Decision AccessRules::decideBy(const Asked& question, bool byRole,
+                                            const FitOf& fitOf) const {
+    Decision decision{byRole, std::nullopt};
     if (question.role == Role::Admin || question.role == Role::None) return decision;
-    const std::string prim = primOf(question.path);
-    // In this order: who, where in the namespace, which layer, which kind; then a denial.
-    using Weight = std::tuple<Named, std::size_t, std::size_t, bool, bool>;
     std::optional<Weight> heaviest;
     for (const AccessRule& rule : rules_) {
         const Named who = namedBy(rule, question.user, question.role, question.groups);
         if (who == Named::Nobody) continue;
-        if (!rule.kinds.empty() && !rule.kinds.contains(question.kind)) continue;
-        const std::size_t path = strengthOf(rule.paths, prim);
+        const Fit fit = fitOf(rule);
         const std::size_t layer = strengthOf(rule.layers, question.layer.value);
-        if (path == 0 || layer == 0) continue;
-        const Weight weight{who, path, layer, !rule.kinds.empty(), !rule.allows};
+        if (fit.place == 0 || layer == 0) continue;
+        const Weight weight{who, fit.place, layer, fit.byKind, !rule.allows};
         if (heaviest && *heaviest >= weight) continue;
         heaviest = weight;
         decision = {rule.allows, rule.number};
     }
     return decision;
+}
+
+AccessRules::Decision AccessRules::decide(const Question& question) const {
+    const std::string prim = primOf(question.path);
+    return decideBy(question, question.role >= Role::Editor, [&](const AccessRule& rule) {
+        return isAbout(rule, question.kind) ? Fit{strengthOf(rule.paths, prim), !rule.kinds.empty()}
+                                            : Fit{};
+    });
+}
+
+AccessRules::Decision AccessRules::decide(const ActionQuestion& question) const {
+    return decideBy(question, question.role >= roleFor(question.action),
+                    [&](const AccessRule& rule) {
+                        if (rule.actions.contains(question.action))
+                            return Fit{kNamesTheAction, false};
+                        return isAboutUnnamed(rule, question.action)
+                                   ? Fit{strengthOf(rule.paths, "/"), !rule.kinds.empty()}
+                                   : Fit{};
+                    });
 }
 
 bool AccessRules::concern(const UserName& user, Role role,
@@ -323,7 +389,7 @@ bool AccessRules::mayDenyBelow(const Question& question) const {
         if (rule.allows ||
             namedBy(rule, question.user, question.role, question.groups) == Named::Nobody)
             return false;
-        if (!rule.kinds.empty() && !rule.kinds.contains(question.kind)) return false;
+        if (!isAbout(rule, question.kind)) return false;
         if (strengthOf(rule.layers, question.layer.value) == 0) return false;
         return std::ranges::any_of(rule.paths, [&](const std::string& glob) {
             const std::string_view literal = literalPart(glob);
@@ -336,15 +402,17 @@ std::string AccessRules::describe(std::size_t number) const {
     const auto found = std::ranges::find(rules_, number, &AccessRule::number);
     if (found == rules_.end()) return "rule " + std::to_string(number);
     const AccessRule& rule = *found;
-    std::string kinds, who;
+    std::string what, who;
     for (const OpinionKind kind : rule.kinds)
-        kinds += (kinds.empty() ? "" : ", ") + std::string(nameOf(kind));
+        what += (what.empty() ? "" : ", ") + std::string(nameOf(kind));
+    for (const ProjectAction action : rule.actions)
+        what += (what.empty() ? "" : ", ") + std::string(nameOf(action));
     for (const std::string& user : rule.users) who += (who.empty() ? "" : ", ") + user;
     for (const std::string& group : rule.groups)
         who += (who.empty() ? "the group " : ", the group ") + group;
     for (const Role role : rule.roles) who += (who.empty() ? "" : ", ") + std::string(nameOf(role));
     return "rule " + std::to_string(number) + (rule.allows ? " allows " : " denies ") +
-           (kinds.empty() ? "everything" : kinds) +
+           (what.empty() ? "everything" : what) +
            (rule.paths.empty() ? "" : " in " + joined(rule.paths)) +
            (rule.layers.empty() ? "" : " of " + joined(rule.layers)) +
            (who.empty() ? " to everybody" : " to " + who);

@@ -43,6 +43,8 @@ std::set<LayerId> globallyMuted(const LayerId& root, const LayerDoc& doc) {
     return muted;
 }
 
+bool isMuteEdit(const EditAction& action) { return omniLayer::isOnlyIn(action, {kMuteness}); }
+
 std::vector<EditAction> globalMuteEdits(const LayerId& root, const LayerDoc& doc,
                                         const LayerId& layer, bool muted) {
     std::vector<EditAction> edits;

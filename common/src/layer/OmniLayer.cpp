@@ -41,6 +41,12 @@ bool touches(const EditAction& action, std::initializer_list<std::string_view> k
     return key->path.size() == 1 || std::ranges::find(keys, key->path[1]) != keys.end();
 }
 
+bool isOnlyIn(const EditAction& action, std::initializer_list<std::string_view> keys) {
+    const FieldPart* part = editedPart(action);
+    const auto* key = part ? std::get_if<DictionaryKey>(part) : nullptr;
+    return key && key->path.size() > 1 && touches(action, keys);
+}
+
 std::optional<LayerId> layerAt(const LayerId& from, const std::string& path) {
     namespace fs = std::filesystem;
     const fs::path joined = fs::path(from.value).parent_path() / path;

@@ -25,6 +25,9 @@ inline const std::string kField = "customLayerData", kGroup = "omni_layer";
 /// Returns true if the action, of a pseudo-root, may change the value of one of these keys of the
 /// group.
 [[nodiscard]] bool touches(const EditAction& action, std::initializer_list<std::string_view> keys);
+/// Returns true if the action, of a pseudo-root, changes nothing but the values of these keys, or
+/// what is in them.
+[[nodiscard]] bool isOnlyIn(const EditAction& action, std::initializer_list<std::string_view> keys);
 /// Returns the layer of the project for a path relative to `from`, or nothing if it leads out.
 [[nodiscard]] std::optional<LayerId> layerAt(const LayerId& from, const std::string& path);
 /// Returns the edit of the pseudo-root that sets or erases the value at these keys of the group.

@@ -32,6 +32,8 @@ EditAction specUnlockEdit(const std::string& path) {
 
 bool touchesSpecLocks(const EditAction& action) { return omniLayer::touches(action, {kLocks}); }
 
+bool isSpecLockEdit(const EditAction& action) { return omniLayer::isOnlyIn(action, {kLocks}); }
+
 std::vector<LayerId> subLayersOf(const LayerId& layer, const LayerDoc& doc) {
     std::vector<LayerId> subLayers;
     const FieldValue* field = doc.field("/", kSubLayers);

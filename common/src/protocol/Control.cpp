@@ -187,10 +187,10 @@ Error toError(const ErrorMessage& message) {
 const std::vector<std::string>& protocolFeatures() {
     static const std::vector<std::string> features = [] {
         std::vector<std::string> all{
-            "history",     "log",           "previews",        "previewValues",
-            "states",      "presence",      "conflation",      "storage",
-            "progress",    "createLayer",   "skipped",         "resends",
-            kPartsFeature, kCompactFeature, kLayerListFeature, kAccessFeature};
+            "history",      "log",          "previews",    "previewValues", "states",
+            "presence",     "conflation",   "storage",     "progress",      "createLayer",
+            "skipped",      "resends",      kPartsFeature, kCompactFeature, kLayerListFeature,
+            kAccessFeature, kActionsFeature};
         forEachRequest([&]<class Request>(const Request&) {
             const std::string feature(featureOf<Request>());
             if (!feature.empty() && std::ranges::find(all, feature) == all.end())

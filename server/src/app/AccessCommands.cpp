@@ -36,7 +36,7 @@ struct Asked {
 
 struct Changed {
     std::filesystem::path folder;
-    std::vector<std::string> users, groups, roles, layers, paths, kinds;
+    std::vector<std::string> users, groups, roles, layers, paths, kinds, actions;
     std::size_t number = 0;
     bool isUnchecked = false;
 };
@@ -61,16 +61,31 @@ Result<Role> roleOf(const Asked& asked) {
     return Role::Editor;  // nobody signs in
 }
 
-void explain(const AccessRules& rules, const Asked& asked, Role role) {
+void print(const AccessRules& rules, const AccessRules::Decision& decision, std::string_view what) {
+    std::cout << (decision.isAllowed ? "yes  " : "no   ") << what << "  ("
+              << (decision.rule ? rules.describe(*decision.rule) : "the role decides") << ")\n";
+}
+
+void explainActions(const AccessRules& rules, const Asked& asked, Role role) {
+    const UserName user{asked.user};
+    const LayerId layer{asked.layer}, project;
+    for (std::size_t index = 0; index < kProjectActionNames.size(); ++index) {
+        const auto action = ProjectAction(index);
+        const LayerId& place = concernsProject(action) ? project : layer;
+        print(rules,
+              rules.decide(AccessRules::ActionQuestion{user, role, action, place, asked.groups}),
+              kProjectActionNames[index]);
+    }
+}
+
+void explainKinds(const AccessRules& rules, const Asked& asked, Role role) {
     const UserName user{asked.user};
     const LayerId layer{asked.layer};
-    std::cout << asked.user << " is " << nameOf(role) << "\n";
     for (std::size_t index = 0; index < kOpinionKindNames.size(); ++index) {
         if (!asked.kind.empty() && asked.kind != kOpinionKindNames[index]) continue;
-        const auto decision =
-            rules.decide({user, role, layer, asked.path, OpinionKind(index), asked.groups});
-        std::cout << (decision.isAllowed ? "yes  " : "no   ") << kOpinionKindNames[index] << "  ("
-                  << (decision.rule ? rules.describe(*decision.rule) : "the role decides") << ")\n";
+        print(rules,
+              rules.decide({user, role, layer, asked.path, OpinionKind(index), asked.groups}),
+              kOpinionKindNames[index]);
     }
 }
 
@@ -80,8 +95,13 @@ Result<void> answer(const Asked& asked) {
     if (!rules) return tl::unexpected(rules.error());
     const AccessRules present = rules->value_or(AccessRules());
     if (!asked.user.empty()) {
-        if (auto path = specpath::parse(asked.path); !path) return tl::unexpected(path.error());
-        return roleOf(asked).map([&](Role role) { explain(present, asked, role); });
+        if (!asked.path.empty())
+            if (auto path = specpath::parse(asked.path); !path) return tl::unexpected(path.error());
+        return roleOf(asked).map([&](Role role) {
+            std::cout << asked.user << " is " << nameOf(role) << "\n";
+            asked.path.empty() ? explainActions(present, asked, role)
+                               : explainKinds(present, asked, role);
+        });
     }
     if (present.rules().empty())
         std::cout << "There are no rules: roles alone decide. " << file.path().string()
@@ -146,6 +166,8 @@ Result<void> addRule(const Changed& words, bool allows) {
     rule.layers = words.layers;
     rule.paths = words.paths;
     for (const std::string& kind : words.kinds) rule.kinds.insert(*opinionKindNamed(kind));
+    for (const std::string& action : words.actions)
+        rule.actions.insert(*projectActionNamed(action));
     const auto rules = AccessRulesFile(words.folder).add(rule);
     if (!rules) return tl::unexpected(rules.error());
     return changed(words, "access rule added", rules->describe(rules->rules().size()));
@@ -164,6 +186,13 @@ Result<void> removeRule(const Changed& words) {
 }
 
 template <std::size_t N>
+std::string joined(const std::array<std::string_view, N>& names, std::string_view between) {
+    std::string list;
+    for (const std::string_view name : names) list.append(list.empty() ? "" : between).append(name);
+    return list;
+}
+
+template <std::size_t N>
 CLI::Validator oneOf(const std::array<std::string_view, N>& names) {
     return CLI::IsMember(std::vector<std::string>(names.begin(), names.end())).description("");
 }
@@ -176,19 +205,21 @@ void addFolder(CLI::App& app, std::filesystem::path& folder) {
 }
 
 constexpr const char* kRuleFooter = R"(
-An option that is left out means all. Each option can be given several times. The most specific rule decides;
+An option that is left out means all; but a rule with --kind is about no action, and one with --action about no
+edit, unless it has both. Each option can be given several times. The most specific rule decides;
 among equals, one that denies.
 
 Examples:
   usdlive deny  DIR --user ann
   usdlive grant DIR --user ann --path '/World/Characters/**' --kind animation
+  usdlive grant DIR --user ann --action save
   usdlive access DIR            lists the rules with their numbers
   usdlive revoke DIR 2          removes rule 2)";
 
 int runRuleCommand(const char* name, bool allows, int argc, const char* const* argv) {
     Changed words;
-    CLI::App app(allows ? "Adds a rule that allows opinions in a project."
-                        : "Adds a rule that denies opinions in a project.",
+    CLI::App app(allows ? "Adds a rule that allows edits and actions in a project."
+                        : "Adds a rule that denies edits and actions in a project.",
                  name);
     app.footer(kRuleFooter);
     addFolder(app, words.folder);
@@ -204,6 +235,10 @@ int runRuleCommand(const char* name, bool allows, int argc, const char* const* a
     app.add_option("--kind", words.kinds, "A kind of opinion, see usdlive access --help")
         ->check(oneOf(kOpinionKindNames))
         ->type_name("KIND");
+    app.add_option("--action", words.actions,
+                   "What else the user does: " + joined(kProjectActionNames, ", "))
+        ->check(oneOf(kProjectActionNames))
+        ->type_name("ACTION");
     app.add_flag("--unchecked", words.isUnchecked, "Also if there is no such user or layer yet");
     for (CLI::Option* option : app.get_options())
         if (option->get_expected_max() > 1) option->expected(1)->take_all();
@@ -222,25 +257,28 @@ int runRevoke(int argc, const char* const* argv) {
 
 int runAccess(int argc, const char* const* argv) {
     Asked asked;
-    CLI::App app("Prints the access rules of a project, or what a user may write at a place.",
-                 "usdlive access");
+    CLI::App app(
+        "Prints the access rules of a project, what a user may do with a layer, or what a "
+        "user may write\nat a place.",
+        "usdlive access");
     addFolder(app, asked.folder);
     auto* user = app.add_option("USER", asked.user)->type_name("");
     auto* layer = app.add_option("LAYER", asked.layer, "For example shot.usda")->type_name("");
     auto* path = app.add_option("PATH", asked.path, "For example /World/Props")->type_name("");
-    std::string kinds = "A kind of opinion; default: all of them:";
-    for (const std::string_view kind : kOpinionKindNames) kinds += " " + std::string(kind);
-    app.add_option("KIND", asked.kind, kinds)->check(oneOf(kOpinionKindNames))->type_name("");
+    app.add_option("KIND", asked.kind,
+                   "A kind of opinion; default: all of them: " + joined(kOpinionKindNames, " "))
+        ->check(oneOf(kOpinionKindNames))
+        ->type_name("");
     app.add_option("--group", asked.groups, "A group that the issuer gives the user")
         ->type_name("NAME")
         ->allow_extra_args(false)
-        ->needs(path);
+        ->needs(layer);
     app.add_option("--role", asked.role,
                    "The role of a user who has no account; default: that of\nthe account")
         ->check(oneOf(kRoleNames))
         ->type_name("ROLE")
-        ->needs(path);
-    user->needs(path);
+        ->needs(layer);
+    user->needs(layer);
     layer->needs(user);
     path->needs(layer);
     return runAdminCommand(app, argc, argv, [&] { return answer(asked); });

@@ -33,12 +33,12 @@ void Project::Impl::rolesChanged(const std::function<Role(const SignedIn&)>& rol
 void Project::Impl::setRules(std::shared_ptr<const AccessRules> rules) {
     std::map<SessionId, std::vector<SentRule>> before;
     for (const auto& [id, session] : sessions_.all())
-        if (session.isGreeted()) before.emplace(id, access_.rulesOf(session.subject));
+        if (session.isGreeted()) before.emplace(id, access_.rulesOf(session));
     access_.setRules(std::move(rules));
     for (const auto& [id, session] : sessions_.all()) {
         const auto known = before.find(id);
         if (known == before.end() || !session.features.contains(kAccessFeature)) continue;
-        AccessChanged message{access_.rulesOf(session.subject)};
+        AccessChanged message{access_.rulesOf(session)};
         if (message.rules != known->second) sessions_.send(session, message);
     }
 }

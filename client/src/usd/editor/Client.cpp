@@ -11,6 +11,8 @@
 #include "usd/assets/DynamicPayloads.h"
 #include "usd/editor/ClientImpl.h"
 #include "usdlive/common/core/ClientSecret.h"
+#include "usdlive/common/core/FilePath.h"
+#include "usdlive/common/core/LayerPath.h"
 #include "usdlive/common/core/Thread.h"
 #include "usdlive/common/core/Utf8.h"
 #include "usdlive/common/fetch/Join.h"
@@ -24,6 +26,26 @@ namespace usdlive {
 namespace fs = std::filesystem;
 using client::ClientInternals;
 using client::LoadSet;
+
+namespace {
+
+template <std::size_t N>
+std::string listOf(const std::array<std::string_view, N>& names) {
+    std::string list;
+    for (const std::string_view name : names)
+        list += (list.empty() ? "" : ", ") + std::string(name);
+    return list;
+}
+
+Client::Permission permissionBy(const client::OwnRights& rights,
+                                const AccessRules::Decision& decision) {
+    if (decision.isAllowed) return {true, {}};
+    return {false, decision.rule ? rights.rules().describe(*decision.rule)
+                                 : "a " + std::string(nameOf(rights.role())) +
+                                       " may not, and no rule allows it"};
+}
+
+}  // namespace
 
 Client::Client() = default;
 Client::~Client() {
@@ -334,29 +356,53 @@ Result<Client::Permission> Client::mayEdit(const LayerId& layer, const std::stri
                     "what the user may do is not known before the project is");
     if (const auto parsed = specpath::parse(path); !parsed) return tl::unexpected(parsed.error());
     const auto asked = opinionKindNamed(kind);
-    if (!kind.empty() && !asked) {
-        std::string names;
-        for (const std::string_view name : kOpinionKindNames)
-            names += (names.empty() ? "" : ", ") + std::string(name);
-        return fail(ErrorCode::InvalidArgument,
-                    inQuotes(kind) + " is not a kind of opinion; they are " + names);
-    }
+    if (!kind.empty() && !asked)
+        return fail(
+            ErrorCode::InvalidArgument,
+            inQuotes(kind) + " is not a kind of opinion; they are " + listOf(kOpinionKindNames));
     if (!impl_->layers().ofProject().contains(layer))
         return fail(ErrorCode::LayerNotFound, "the project has no layer " + layer.value);
     if (const auto holder = impl_->layers().foreignLock(layer))
         return Permission{false, layer.value + " is locked by " + holder->value};
     const client::OwnRights& rights = session.rights();
-    std::string why;
+    Permission permission;
     for (std::size_t index = 0; index < kOpinionKindNames.size(); ++index) {
         const auto one = OpinionKind(index);
         if (asked && *asked != one) continue;
-        const auto decision = rights.decide(layer, path, one);
-        if (decision.isAllowed) return Permission{true, {}};
-        why = decision.rule
-                  ? rights.rules().describe(*decision.rule)
-                  : "a " + std::string(nameOf(rights.role())) + " may not, and no rule allows it";
+        permission = permissionBy(rights, rights.decide(layer, path, one));
+        if (permission.isAllowed) break;
     }
-    return Permission{false, why};
+    return permission;
+}
+Result<Client::Permission> Client::mayDo(std::string_view action, const LayerId& place) const {
+    if (auto error = misuse("mayDo", false)) return tl::unexpected(*error);
+    const client::Session& session = impl_->session();
+    if (!session.welcome())
+        return fail(ErrorCode::NotConnected,
+                    "what the user may do is not known before the project is");
+    const auto asked = projectActionNamed(action);
+    if (!asked)
+        return fail(ErrorCode::InvalidArgument, inQuotes(action) + " is not an action; they are " +
+                                                    listOf(kProjectActionNames));
+    if (place.empty() != concernsProject(*asked))
+        return fail(ErrorCode::InvalidArgument,
+                    place.empty() ? "name the layer or the file of the action " + inQuotes(action)
+                                  : "the action " + inQuotes(action) +
+                                        " concerns the project; name no layer");
+    if (*asked == ProjectAction::Upload) {
+        if (auto valid = checkFilePath(place.value); !valid) return tl::unexpected(valid.error());
+    } else if (!place.empty()) {
+        if (auto valid = parseLayerId(place.value); !valid) return tl::unexpected(valid.error());
+    }
+    const bool isNew = *asked == ProjectAction::Upload || *asked == ProjectAction::CreateLayer;
+    const client::OwnRights& rights = session.rights();
+    const auto permission = permissionBy(rights, rights.decide(*asked, place));
+    if (place.empty() || isNew) return permission;
+    if (!impl_->layers().ofProject().contains(place))
+        return fail(ErrorCode::LayerNotFound, "the project has no layer " + place.value);
+    const auto holder = impl_->layers().foreignLock(place);
+    if (!permission.isAllowed || !holder || *asked == ProjectAction::TakeOver) return permission;
+    return Permission{false, place.value + " is locked by " + holder->value};
 }
 fs::path Client::cacheFolder() const { return here("cacheFolder").cache().folder(); }
 

@@ -74,9 +74,57 @@ void AccessPolicy::left(const Session& session) {
     leftMs_[session.subject.user] = now;
 }
 
-std::optional<Error> AccessPolicy::toLayer(const Subject& subject, const LayerId& layer) const {
-    if (auto denied = needs(Role::Editor, subject, "edit " + layer.value)) return denied;
+std::vector<SentRule> AccessPolicy::rulesOf(const Session& session) const {
+    const Subject& subject = session.subject;
+    auto rules = rules_->of(subject.user, subject.role, subject.groups());
+    // An older client would take a rule about actions only for one about all edits.
+    if (!session.features.contains(kActionsFeature))
+        std::erase_if(rules,
+                      [](const SentRule& rule) { return rule.actions && rule.kinds.empty(); });
+    return rules;
+}
+
+Error AccessPolicy::denied(const Subject& subject, const std::string& what,
+                           std::size_t rule) const {
+    return {ErrorCode::Forbidden,
+            subject.user.value + " may not " + what + ": " + rules_->describe(rule)};
+}
+
+AccessRules::Decision AccessPolicy::decide(const Subject& subject, ProjectAction action,
+                                           const LayerId& place) const {
+    return rules_->decide(
+        AccessRules::ActionQuestion{subject.user, subject.role, action, place, subject.groups()});
+}
+
+std::optional<Error> AccessPolicy::toAction(const Subject& subject, ProjectAction action,
+                                            const LayerId& place, const std::string& what) const {
+    const auto decision = decide(subject, action, place);
+    if (decision.isAllowed) return std::nullopt;
+    if (decision.rule) return denied(subject, what, *decision.rule);
+    return needs(roleFor(action), subject, what);
+}
+
+std::optional<Error> AccessPolicy::toSave(const Subject& subject, const LayerId& layer) const {
+    if (auto denied = toAction(subject, ProjectAction::Save, layer, "save " + layer.value))
+        return denied;
     return toLock(subject, layer);
+}
+
+std::optional<Error> AccessPolicy::toReload(const Subject& subject, const LayerId& layer) const {
+    if (auto denied = toAction(subject, ProjectAction::Reload, layer, "reload " + layer.value))
+        return denied;
+    return toLock(subject, layer);
+}
+
+std::optional<Error> AccessPolicy::toTakeOver(const Subject& subject, const LayerId& layer,
+                                              const LayerLock& lock, const Error& locked) const {
+    // A lock without a name is nobody's.
+    const auto decision = lock.holder.empty() ? AccessRules::Decision{true, {}}
+                                              : decide(subject, ProjectAction::TakeOver, layer);
+    if (decision.isAllowed || (isFree(lock) && !decision.rule)) return std::nullopt;
+    if (isFree(lock))
+        return denied(subject, "end a lock of others in " + layer.value, *decision.rule);
+    return locked;
 }
 
 std::optional<Error> AccessPolicy::toLock(const Subject& subject, const LayerId& layer) const {
@@ -101,9 +149,12 @@ std::optional<Refused> AccessPolicy::toTransaction(const Subject& subject,
             known = &edit.layer;
         }
         const bool ofRoot = isOfPseudoRoot(edit);
-        if (lock.locked && !holds(subject, lock) &&
-            !(ofRoot && isLockEdit(edit.action) && isFree(lock)))
-            return Refused{lockedError(edit.layer, lock), std::uint32_t(index)};
+        if (lock.locked && !holds(subject, lock)) {
+            std::optional<Error> error = lockedError(edit.layer, lock);
+            if (ofRoot && isLockEdit(edit.action))
+                error = toTakeOver(subject, edit.layer, lock, *error);
+            if (error) return Refused{*std::move(error), std::uint32_t(index)};
+        }
         if (!ofRoot || !touchesLock(edit.action)) continue;
         const auto doc = changed.try_emplace(edit.layer, docs.at(edit.layer)).first;
         (void)doc->second.apply(edit.address.path, edit.action);
@@ -119,23 +170,12 @@ std::optional<Refused> AccessPolicy::toTransaction(const Subject& subject,
 }
 
 std::optional<Error> AccessPolicy::toHistory(const Subject& subject) const {
-    if (subject.proof) return needs(Role::Admin, subject, "replace the history");
-    if (administrators_.empty() || subject.isAdministrator()) return std::nullopt;
+    auto denied = toAction(subject, ProjectAction::Compact, {}, "replace the history");
+    if (!denied || subject.proof) return denied;
+    if (decide(subject, ProjectAction::Compact, {}).rule) return denied;
+    if (administrators_.empty()) return std::nullopt;
     return Error{ErrorCode::InvalidArgument,
                  "only administrators (the --admin option of the server) may replace the history"};
-}
-
-std::optional<Error> AccessPolicy::toCheckpoint(const Subject& subject,
-                                                const std::string& name) const {
-    return needs(Role::Reviewer, subject, "create the checkpoint " + name);
-}
-
-std::optional<Error> AccessPolicy::toNewLayer(const Subject& subject, const LayerId& layer) const {
-    return needs(Role::Editor, subject, "create " + layer.value);
-}
-
-std::optional<Error> AccessPolicy::toFile(const Subject& subject, const std::string& path) const {
-    return needs(Role::Editor, subject, "upload " + path);
 }
 
 std::optional<Error> AccessPolicy::toBigValue(const Subject& subject) const {

@@ -49,15 +49,20 @@ public:
     /// Replaces the rules that add to roles or take from them (AC6).
     void setRules(std::shared_ptr<const AccessRules> rules) { rules_ = std::move(rules); }
 
-    /// Returns the rules that concern the user (AC8).
-    [[nodiscard]] std::vector<SentRule> rulesOf(const Subject& subject) const {
-        return rules_->of(subject.user, subject.role, subject.groups());
-    }
+    /// Returns the rules that concern the user, as far as the client of the session can understand
+    /// them (AC8).
+    [[nodiscard]] std::vector<SentRule> rulesOf(const Session& session) const;
 
     // --- decisions
 
-    /// Decides about edits, saves and reloads of a layer (LK1, LK3).
-    [[nodiscard]] std::optional<Error> toLayer(const Subject& subject, const LayerId& layer) const;
+    /// Decides by role and rules about an action on a layer or a file, or on the project if `place`
+    /// is empty (AC11). `what` says it in the error, for example "upload a.png".
+    [[nodiscard]] std::optional<Error> toAction(const Subject& subject, ProjectAction action,
+                                                const LayerId& place,
+                                                const std::string& what) const;
+    /// Decides about saves and reloads of a layer (AC11, LK1, LK3).
+    [[nodiscard]] std::optional<Error> toSave(const Subject& subject, const LayerId& layer) const;
+    [[nodiscard]] std::optional<Error> toReload(const Subject& subject, const LayerId& layer) const;
     /// Decides by the lock of the layer alone.
     [[nodiscard]] std::optional<Error> toLock(const Subject& subject, const LayerId& layer) const;
     /// Decides about a transaction before it is executed (LK1, LK2, LK4). Precondition: its layers
@@ -79,16 +84,6 @@ public:
     /// Decides about the replacement of old commits (CH4). All users may do it if the server has no
     /// administrators.
     [[nodiscard]] std::optional<Error> toHistory(const Subject& subject) const;
-    /// Decides about a new checkpoint (CP1).
-    [[nodiscard]] std::optional<Error> toCheckpoint(const Subject& subject,
-                                                    const std::string& name) const;
-    /// Decides about a new layer (FI6).
-    [[nodiscard]] std::optional<Error> toNewLayer(const Subject& subject,
-                                                  const LayerId& layer) const;
-    /// Decides about a new file that is no layer, and about replacing one (FI7).
-    [[nodiscard]] std::optional<Error> toFile(const Subject& subject,
-                                              const std::string& path) const;
-
     /// Decides about a part of a big value that a transaction or a preview will name (V9).
     [[nodiscard]] std::optional<Error> toBigValue(const Subject& subject) const;
 
@@ -105,6 +100,22 @@ private:
     /// AC3: returns an error if the user has a lower role.
     [[nodiscard]] static std::optional<Error> needs(Role role, const Subject& subject,
                                                     const std::string& action);
+    /// Returns the error of a user whom a rule denies something.
+    [[nodiscard]] Error denied(const Subject& subject, const std::string& what,
+                               std::size_t rule) const;
+    [[nodiscard]] AccessRules::Decision decide(const Subject& subject, ProjectAction action,
+                                               const LayerId& place) const;
+    /// Decides about the end of a lock of somebody else in the layer, of which `locked` is the
+    /// error (LK2, LK4, AC11).
+    [[nodiscard]] std::optional<Error> toTakeOver(const Subject& subject, const LayerId& layer,
+                                                  const LayerLock& lock, const Error& locked) const;
+    /// Decides about an edit that locks or mutes. `before` is the layer before the transaction.
+    [[nodiscard]] std::optional<Error> toLockOrMute(const Subject& subject, const LayerId& layer,
+                                                    ProjectAction action,
+                                                    const LayerDoc* before) const;
+    /// Decides about locks and mutes that edits of more than these have changed.
+    [[nodiscard]] std::optional<Error> toChangedLocks(const Subject& subject, const LayerId& layer,
+                                                      const LayerDoc& before) const;
     /// AC6, AC7: decides about one edit by the rules. `doc` is the layer before the transaction;
     /// nullptr if it is not loaded.
     [[nodiscard]] std::optional<Error> toOpinion(const Subject& subject, const Edit& edit,

@@ -1,8 +1,9 @@
-// Decides about edits by the rules of a project (AC6, AC7).
+// Decides about edits, locks and mutes by the rules of a project (AC6, AC7, AC11).
 #include <algorithm>
 #include <utility>
 
 #include "access/AccessPolicy.h"
+#include "usdlive/common/layer/GlobalMuteness.h"
 #include "usdlive/common/layer/SpecPath.h"
 
 namespace usdlive::server {
@@ -48,9 +49,34 @@ std::optional<Error> AccessPolicy::toAllBelow(const AccessRules::Question& quest
     return std::nullopt;
 }
 
+std::optional<Error> AccessPolicy::toLockOrMute(const Subject& subject, const LayerId& layer,
+                                                ProjectAction action,
+                                                const LayerDoc* before) const {
+    if (action == ProjectAction::Mute)
+        return toAction(subject, action, layer, "mute layers for everybody in " + layer.value);
+    const LayerLock lock = before ? lockOf(*before) : LayerLock();
+    const bool isForeign = lock.locked && !lock.holder.empty() && lock.holder != subject.user;
+    // toTransaction() has asked about the lock of somebody else.
+    if (isForeign && decide(subject, ProjectAction::TakeOver, layer).isAllowed) return std::nullopt;
+    return toAction(subject, ProjectAction::Lock, layer, "lock in " + layer.value);
+}
+
+std::optional<Error> AccessPolicy::toChangedLocks(const Subject& subject, const LayerId& layer,
+                                                  const LayerDoc& before) const {
+    const LayerDoc& now = facts_->loadedLayers().at(layer);
+    std::optional<Error> error;
+    if (lockOf(before) != lockOf(now) || specLocksOf(before) != specLocksOf(now))
+        error = toLockOrMute(subject, layer, ProjectAction::Lock, &before);
+    if (!error && globallyMuted(layer, before) != globallyMuted(layer, now))
+        error = toLockOrMute(subject, layer, ProjectAction::Mute, &before);
+    return error;
+}
+
 std::optional<Error> AccessPolicy::toOpinion(const Subject& subject, const Edit& edit,
                                              const LayerDoc* doc) const {
     const std::string& path = edit.address.path;
+    if (const auto action = projectActionOf(path, edit.action))
+        return toLockOrMute(subject, edit.layer, *action, doc);
     const bool exists = doc && doc->has(path);
     const auto kind = opinionKindOf(path, edit.action, exists);
     AccessRules::Question question{

@@ -138,9 +138,13 @@ std::optional<std::pair<std::size_t, Error>> AccessPolicy::toEdits(
     const bool isByRules = areRulesFor(subject);
     for (std::size_t index = 0; index < executed.size(); ++index) {
         const Edit& edit = executed[index].edit;
-        if (isByRules)
-            if (auto denied = toOpinion(subject, edit, &before.at(edit.layer)))
-                return std::pair(index, *std::move(denied));
+        if (isByRules) {
+            auto denied = toOpinion(subject, edit, &before.at(edit.layer));
+            if (!denied && edit.address.path == "/" && touchesLayerData(edit.action) &&
+                !projectActionOf("/", edit.action))
+                denied = toChangedLocks(subject, edit.layer, before.at(edit.layer));
+            if (denied) return std::pair(index, *std::move(denied));
+        }
         const auto [entry, added] = known.try_emplace(edit.layer);
         if (added) entry->second = specLocksIn(edit.layer, before);
         const SpecLocks& locks = entry->second;
@@ -165,8 +169,10 @@ std::optional<Error> AccessPolicy::toSpecLocks(const Subject& subject,
         for (const auto& [path, owner] : were) {
             const auto now = are.find(path);
             const bool stays = now != are.end() && now->second == owner;
-            if (!stays && isForeign(owner, subject) && !isFree({true, owner, 0}))
-                return lockedError(path, owner);
+            if (stays || !isForeign(owner, subject)) continue;
+            if (auto locked =
+                    toTakeOver(subject, layer, {true, owner, 0}, lockedError(path, owner)))
+                return locked;
         }
         for (const auto& [path, owner] : are)
             if (!were.contains(path) && !owner.empty() && isForeign(owner, subject))

@@ -294,8 +294,7 @@ void Greeting::sendWelcome(const Session& session, const Hello& hello, bool resu
     message.maxBlobBytes = options_->maxBlobBytes;
     message.administrator = session.subject.isAdministrator();
     message.role = std::string(nameOf(session.subject.role));
-    if (session.features.contains(kAccessFeature))
-        message.rules = access_->rulesOf(session.subject);
+    if (session.features.contains(kAccessFeature)) message.rules = access_->rulesOf(session);
     message.base = start_->oldest();
     message.store = *identity_;
     message.maxTransactionBytes = options_->maxTransactionBytes;

@@ -13,13 +13,17 @@ std::optional<Error> NewFiles::objection(const Session& session, const UploadFil
                                                   std::to_string(request.size) +
                                                   " bytes; at most " + std::to_string(maxBytes_) +
                                                   " are accepted (--max-blob-mib)"};
-    if (auto denied = access_->toFile(session.subject, request.path)) return denied;
+    if (auto denied = access_->toAction(session.subject, ProjectAction::Upload, {request.path},
+                                        "upload " + request.path))
+        return denied;
     return store_->whyNotWritable();
 }
 
 void NewFiles::upload(const Session& session, const UploadFile& request) {
-    if (const auto error = objection(session, request))
+    if (const auto error = objection(session, request)) {
+        activity_->record({"upload refused", session.subject.user, {}, error->message});
         return sessions_->sendError(session, *error, request.request);
+    }
     files_->storeFile(
         session.id, request.request,
         {request.path, request.hash, request.size, request.overwrite.value_or(false)});

@@ -9,13 +9,18 @@ std::optional<Error> NewLayers::objection(const Session& session, const LayerId&
     if (layers_->has(layer))
         return Error{ErrorCode::LayerExists, "the project has a layer " + layer.value +
                                                  ": open it, or choose another name"};
-    if (auto denied = access_->toNewLayer(session.subject, layer)) return denied;
+    if (auto denied = access_->toAction(session.subject, ProjectAction::CreateLayer, layer,
+                                        "create " + layer.value))
+        return denied;
     return store_->whyNotWritable();
 }
 
 void NewLayers::create(const Session& session, const CreateLayer& request) {
-    if (const auto error = objection(session, request.layer))
+    if (const auto error = objection(session, request.layer)) {
+        activity_->record(
+            {"new layer refused", session.subject.user, request.layer, error->message});
         return sessions_->sendError(session, *error, request.request);
+    }
     files_->createLayerFile(session.id, request.request, request.layer);
 }
 

@@ -61,7 +61,7 @@ void Reloads::readLoaded(Request& request) {
             return true;
         }
         if (!std::holds_alternative<Loaded>(loading)) return false;
-        if (const auto locked = access_->toLayer(session.subject, layer))
+        if (const auto locked = access_->toReload(session.subject, layer))
             request.addFailure(layer, *locked);
         else
             read(request, layer, 1);
@@ -111,7 +111,7 @@ void Reloads::fileRead(SessionId id, std::uint64_t number, const LayerId& layer,
 /// Commits the difference in the name of the requesting user. The commit is not a transaction of
 /// the client.
 Result<void> Reloads::take(const Session& session, const LayerId& layer, ReloadedLayer reloaded) {
-    if (const auto locked = access_->toLayer(session.subject, layer))
+    if (const auto locked = access_->toReload(session.subject, layer))
         return tl::unexpected(*locked);
     if (const auto error = store_->whyNotWritable()) return tl::unexpected(*error);
     HistoryLine::OwnEdits edits{std::move(reloaded.edits), session.subject.user};

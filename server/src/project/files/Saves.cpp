@@ -59,7 +59,7 @@ bool Saves::collect(Request& request) {
 /// Removes layers that the user may not save (LK3) from the request.
 void Saves::leaveOutLocked(const Session& session, Request& request) const {
     std::erase_if(request.layers, [&](const LayerId& layer) {
-        const auto locked = access_->toLayer(session.subject, layer);
+        const auto locked = access_->toSave(session.subject, layer);
         if (locked)
             request.failed.push_back(
                 {layer, std::string(errorName(locked->code)), locked->message});
@@ -71,8 +71,10 @@ void Saves::start(const Pending& pending) {
     const Session* session = sessions_->greeted(pending.request.session);
     if (!session) return;
     const auto& [id, request, force, layers, failed] = pending.request;
-    if (pending.jobs.empty())
+    if (pending.jobs.empty()) {
+        recordRefused(session->subject.user, failed);
         return sessions_->send(*session, LayersSaved{request, pending.revision, {}, failed});
+    }
     if (!failed.empty()) failed_[{id, request}] = failed;
     ++underWay_;
     files_->saveLayers(id, request, pending.jobs);
@@ -92,9 +94,14 @@ void Saves::saved(SessionId id, std::uint64_t request, const SaveOutcome& outcom
     const auto failed = failed_.extract({id, request});
     if (!failed.empty())
         message.failed.insert(message.failed.end(), failed.mapped().begin(), failed.mapped().end());
-    for (const auto& failure : message.failed)
-        activity_->record({"save refused", user, failure.layer, failure.message});
+    recordRefused(user, message.failed);
     sessions_->send(*session, message);
+}
+
+void Saves::recordRefused(const UserName& user,
+                          const std::vector<LayersSaved::Failure>& failed) const {
+    for (const auto& failure : failed)
+        activity_->record({"save refused", user, failure.layer, failure.message});
 }
 
 void Saves::progressed(SessionId id, std::uint64_t request, const LayerId& layer, std::size_t done,

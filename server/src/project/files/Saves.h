@@ -65,6 +65,7 @@ private:
     bool collect(Request& request);
     void leaveOutLocked(const Session& session, Request& request) const;
     void start(const Pending& pending);
+    void recordRefused(const UserName& user, const std::vector<LayersSaved::Failure>& failed) const;
 
     Wire<const HistoryLine> line_;
     Wire<LayerTable> layers_;

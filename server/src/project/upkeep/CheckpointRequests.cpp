@@ -24,7 +24,9 @@ std::optional<Error> CheckpointRequests::objection(const Session& session,
         return Error{ErrorCode::InvalidArgument, "a checkpoint's name is 1 to " +
                                                      std::to_string(kMaxCheckpointNameBytes) +
                                                      " bytes without control characters"};
-    if (auto denied = access_->toCheckpoint(session.subject, name)) return denied;
+    if (auto denied = access_->toAction(session.subject, ProjectAction::Checkpoint, {},
+                                        "create the checkpoint " + name))
+        return denied;
     if (line_->executed() == 0)
         return Error{ErrorCode::InvalidArgument,
                      "the project has no commit yet: open a layer first"};
@@ -32,8 +34,10 @@ std::optional<Error> CheckpointRequests::objection(const Session& session,
 }
 
 void CheckpointRequests::create(Session& session, const CreateCheckpoint& request) {
-    if (const auto error = objection(session, request.name))
+    if (const auto error = objection(session, request.name)) {
+        activity_->record({"checkpoint refused", session.subject.user, {}, error->message});
         return sessions_->sendError(session, *error, request.request);
+    }
     const auto now = std::uint64_t(std::max<std::int64_t>(time_->nowMs(), 0));
     pending_.push_back({session.id,
                         request.request,

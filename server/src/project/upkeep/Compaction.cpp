@@ -26,6 +26,7 @@ Compaction::Compaction(std::optional<std::uint64_t> historyDays, const Parts& pa
       catchup_(parts.catchup),
       openings_(parts.openings),
       history_(ports.history),
+      activity_(ports.activity),
       time_(parts.time) {}
 
 void Compaction::boundHistory() {
@@ -38,8 +39,10 @@ void Compaction::request(Session& session, const CompactHistory& request) {
     const auto refuse = [&](const char* why) {
         sessions_->sendError(session, {ErrorCode::InvalidArgument, why}, request.request);
     };
-    if (const auto denied = access_->toHistory(session.subject))
+    if (const auto denied = access_->toHistory(session.subject)) {
+        activity_->record({"compaction refused", session.subject.user, {}, denied->message});
         return sessions_->sendError(session, *denied, request.request);
+    }
     const auto days = request.days ? request.days : historyDays_;
     if (!days)
         return refuse(
@@ -97,11 +100,15 @@ void Compaction::finish(const Result<CompactOutcome>& outcome) {
     requests_.pop_front();
     const Session* session = done.session ? sessions_->greeted(*done.session) : nullptr;
     const Revision base = start_->base().revision;
-    if (session && outcome)
+    if (session && outcome) {
+        activity_->record({"history compacted",
+                           session->subject.user,
+                           {},
+                           "up to revision " + std::to_string(base)});
         sessions_->send(*session,
                         HistoryCompacted{done.request, base, base - done.from, outcome->bytesBefore,
                                          outcome->bytesAfter, done.keptFor});
-    else if (session)
+    } else if (session)
         sessions_->sendError(*session, outcome.error(), done.request);
     findNextBase();
 }

@@ -70,6 +70,7 @@ private:
     Wire<const Catchup> catchup_;
     Wire<const Openings> openings_;
     Wire<ports::History> history_;
+    Wire<ports::Activity> activity_;
     Wire<TimeOfDay> time_;
     std::deque<Request> requests_;  ///< the first one is in progress
 };

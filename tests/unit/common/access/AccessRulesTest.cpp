@@ -126,6 +126,115 @@ TEST(AccessRules, AC6GroupsAreBetweenUsersAndRoles) {
     EXPECT_FALSE(deep.mayDenyBelow({bob, Role::Editor, layer, "/A", Namespace}));
 }
 
+using enum ProjectAction;
+
+bool mayDo(const AccessRules& rules, ProjectAction action, Role role = Role::Editor,
+           const std::string& layer = "shot.usda") {
+    const UserName ann{"ann"};
+    const LayerId place{concernsProject(action) ? "" : layer};
+    return rules.decide(AccessRules::ActionQuestion{ann, role, action, place}).isAllowed;
+}
+
+std::vector<ProjectAction> allActions() {
+    std::vector<ProjectAction> all;
+    for (std::size_t one = 0; one < kProjectActionNames.size(); ++one)
+        all.push_back(ProjectAction(one));
+    return all;
+}
+
+TEST(AccessRules, AC11WithoutRulesTheRoleDecidesAboutActions) {
+    for (const auto action : allActions())
+        for (const Role role :
+             {Role::None, Role::Viewer, Role::Reviewer, Role::Editor, Role::Admin})
+            EXPECT_EQ(mayDo({}, action, role), role >= roleFor(action))
+                << nameOf(action) << " " << nameOf(role);
+}
+
+TEST(AccessRules, AC11ARuleIsAboutTheActionsThatItNames) {
+    for (const auto named : allActions()) {
+        const std::string rest = R"("actions": [")" + std::string(nameOf(named)) + R"("]})";
+        const AccessRules denied = rules(R"({"effect": "deny", )" + rest);
+        const AccessRules allowed = rules(R"({"effect": "allow", )" + rest);
+        for (const auto action : allActions()) {
+            EXPECT_EQ(mayDo(denied, action), action != named && roleFor(action) <= Role::Editor);
+            EXPECT_EQ(mayDo(allowed, action, Role::Viewer), action == named);
+            EXPECT_TRUE(mayDo(denied, action, Role::Admin));
+            EXPECT_FALSE(mayDo(allowed, action, Role::None));
+        }
+        EXPECT_TRUE(may(denied, "/World", Transform));
+        EXPECT_FALSE(may(allowed, "/World", Transform, "shot.usda", Role::Viewer));
+        EXPECT_FALSE(allowed.mayWriteIn({"ann"}, Role::Viewer, {"shot.usda"}));
+        const UserName ann{"ann"};
+        const LayerId layer{"a.usda"};
+        EXPECT_FALSE(denied.mayDenyBelow({ann, Role::Editor, layer, "/", Namespace}));
+    }
+}
+
+TEST(AccessRules, AC11ARuleAboutNothingSpecialIsAboutActionsToo) {
+    const AccessRules none = rules(R"({"effect": "deny", "users": ["ann"]})");
+    const AccessRules all = rules(R"({"effect": "allow", "users": ["ann"]})");
+    for (const auto action : allActions()) {
+        EXPECT_FALSE(mayDo(none, action)) << nameOf(action);
+        // Rules give actions of administrators by their names only.
+        EXPECT_EQ(mayDo(all, action, Role::Viewer), roleFor(action) < Role::Admin);
+    }
+    // One about kinds or prims is about edits; but locks and mutes are metadata of the layer.
+    const AccessRules kinds = rules(R"({"effect": "deny", "kinds": ["animation"]})");
+    const AccessRules metadata = rules(R"({"effect": "deny", "kinds": ["metadata"]})");
+    const AccessRules props = rules(R"({"effect": "deny", "paths": ["/World/**"]})");
+    for (const auto action : allActions()) {
+        EXPECT_EQ(mayDo(kinds, action), roleFor(action) <= Role::Editor) << nameOf(action);
+        EXPECT_EQ(mayDo(props, action), roleFor(action) <= Role::Editor) << nameOf(action);
+        EXPECT_EQ(mayDo(metadata, action),
+                  !isDoneByEdits(action) && roleFor(action) <= Role::Editor);
+    }
+    // One with both is about these edits and these actions.
+    const AccessRules both =
+        rules(R"({"effect": "deny", "kinds": ["animation"], "actions": ["save"]})");
+    EXPECT_FALSE(mayDo(both, Save) || may(both, "/World", Animation));
+    EXPECT_TRUE(mayDo(both, Reload) && may(both, "/World", Transform));
+    EXPECT_EQ(both.describe(1), "rule 1 denies animation, save to everybody");
+}
+
+TEST(AccessRules, AC11TheMostSpecificRuleDecidesAboutActions) {
+    // An animator who may only animate, and save what she has animated.
+    const AccessRules animator = rules(R"(
+        {"effect": "deny", "users": ["ann"], "layers": ["**"]},
+        {"effect": "deny", "users": ["ann"], "paths": ["/**"]},
+        {"effect": "allow", "users": ["ann"], "actions": ["save"]})");
+    EXPECT_TRUE(mayDo(animator, Save));
+    EXPECT_FALSE(mayDo(animator, Reload));
+    EXPECT_FALSE(may(animator, "/World", Transform));
+    for (const char* list : {R"({"effect": "deny", "actions": ["save"]},
+                                {"effect": "allow", "actions": ["save"], "kinds": ["schema"]})",
+                             R"({"effect": "allow", "actions": ["save"]},
+                                {"effect": "deny", "actions": ["save", "lock"]})"})
+        EXPECT_FALSE(mayDo(rules(list), Save)) << list;
+    const AccessRules layers = rules(R"(
+        {"effect": "deny", "actions": ["save", "checkpoint"], "layers": ["sets/*"]})");
+    EXPECT_FALSE(mayDo(layers, Save, Role::Editor, "sets/a.usda"));
+    EXPECT_TRUE(mayDo(layers, Save));
+    EXPECT_TRUE(mayDo(layers, Checkpoint)) << "it concerns the project, and no layer";
+    const AccessRules everywhere =
+        rules(R"({"effect": "deny", "actions": ["checkpoint"], "layers": ["**"]})");
+    EXPECT_FALSE(mayDo(everywhere, Checkpoint));
+}
+
+TEST(AccessRules, AC11EditsThatLockOrMute) {
+    const auto actionOf = [](std::vector<std::string> key, const char* path = "/") {
+        return projectActionOf(path, EraseField{"customLayerData", DictionaryKey{std::move(key)}});
+    };
+    for (const char* key : {"locked", "locked_by", "locked_at", "specs_locking"})
+        EXPECT_EQ(actionOf({"omni_layer", key}), Lock) << key;
+    EXPECT_EQ(actionOf({"omni_layer", "specs_locking", "/World"}), Lock);
+    EXPECT_EQ(actionOf({"omni_layer", "muteness", "./a.usda"}), Mute);
+    EXPECT_FALSE(actionOf({"omni_layer"}));
+    EXPECT_FALSE(actionOf({"omni_layer", "note"}));
+    EXPECT_FALSE(actionOf({"other", "locked"}));
+    EXPECT_FALSE(actionOf({"omni_layer", "locked"}, "/World"));
+    EXPECT_FALSE(projectActionOf("/", EraseField{"customLayerData", {}}));
+}
+
 TEST(AccessRules, MayDenyBelowAPrim) {
     const AccessRules deep = rules(R"(
         {"effect": "deny", "paths": ["/World/Props/**", "/Sets/*/Rig"], "kinds": ["namespace"]})");
@@ -174,6 +283,8 @@ TEST(AccessRules, AUserIsSentWhatDecidesAboutThem) {
             rule.layers = some(layers);
             rule.paths = some(paths);
             if (chance(2)) rule.kinds.insert(OpinionKind(random() % kOpinionKindNames.size()));
+            if (rule.paths.empty() && chance(2))
+                rule.actions.insert(ProjectAction(random() % kProjectActionNames.size()));
             text += (text.empty() ? "" : ", ") + textOf(rule);
         }
         const AccessRules all = rules(text);
@@ -202,6 +313,12 @@ TEST(AccessRules, AUserIsSentWhatDecidesAboutThem) {
                         any = any || decision.isAllowed;
                         ++(decision.isAllowed ? allowed : denied);
                     }
+                for (const auto action : allActions()) {
+                    const AccessRules::ActionQuestion question{one.user, one.role, action, layer,
+                                                               one.groups};
+                    EXPECT_EQ(own.decide(question).isAllowed, all.decide(question).isAllowed);
+                    EXPECT_EQ(own.decide(question).rule, all.decide(question).rule) << text;
+                }
                 if (any) {
                     EXPECT_TRUE(own.mayWriteIn(one.user, one.role, layer, one.groups)) << text;
                 }
@@ -233,6 +350,11 @@ TEST(AccessRules, NamesOfALaterVersionAreLeftOut) {
     const SentRule later{1, true, {}, {"director"}, {}, {}, {}, {"smell"}};
     EXPECT_TRUE(AccessRules::received({later}).rules().empty());
     EXPECT_FALSE(AccessRules::received({later}).mayWriteIn({"ann"}, Role::Viewer, {"a.usda"}));
+    SentRule actions{1, true, {}, {}, {}, {}, {}, {}};
+    actions.actions = {"dance"};
+    EXPECT_TRUE(AccessRules::received({actions}).rules().empty());
+    actions.actions = {"dance", "save"};
+    EXPECT_EQ(AccessRules::received({actions}).describe(1), "rule 1 allows save to everybody");
 }
 
 TEST(AccessRules, Globs) {
@@ -266,6 +388,11 @@ TEST(AccessRules, BadInputIsNamed) {
     EXPECT_NE(wrong(R"({"effect": "deny", "roles": ["boss"]})").find("boss"), std::string::npos);
     EXPECT_NE(wrong(R"({"effect": "deny", "kinds": ["shaders"]})").find("shading"),
               std::string::npos);
+    EXPECT_NE(wrong(R"({"effect": "deny", "actions": ["saves"]})").find("reload"),
+              std::string::npos);
+    EXPECT_NE(
+        wrong(R"({"effect": "deny", "actions": ["save"], "paths": ["/A"]})").find("two rules"),
+        std::string::npos);
     EXPECT_NE(wrong(R"({"effect": "deny", "paths": ["World"]})").find("begin"), std::string::npos);
     EXPECT_NE(wrong(R"({"effect": "deny", "users": []})").find("leave it out"), std::string::npos);
     EXPECT_NE(wrong("7").find("not an object"), std::string::npos);

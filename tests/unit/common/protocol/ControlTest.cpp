@@ -115,9 +115,9 @@ TEST(Control, EveryMessageComesBackAsItWas) {
                             camera, 24.5,    "a.usda",  "{}"};
     expectRoundTrip(ShowPresence{presence});
     expectRoundTrip(Presences{{presence, Presence()}, {{"gone"}}});
-    expectRoundTrip(
-        AccessChanged{{{2, true, {"ada"}, {"editor"}, {"fx"}, {"*.usda"}, {"/A/**"}, {"transform"}},
-                       SentRule()}});
+    expectRoundTrip(AccessChanged{
+        {{2, true, {"ada"}, {"editor"}, {"fx"}, {"*.usda"}, {"/A/**"}, {"transform"}, {{"save"}}},
+         SentRule()}});
     expectRoundTrip(ErrorMessage{"internal", "fault", true, {}, {}});
     expectRoundTrip(ErrorMessage{"blobNotFound", "gone", false, 7, kHash});
 }

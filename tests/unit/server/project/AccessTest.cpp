@@ -279,6 +279,120 @@ TEST_F(ProjectAccess, AC6PreviewsFollowTheRules) {
     EXPECT_FALSE(world.silent(kAdmin));
 }
 
+/// Sets or erases a key of `omni_layer` in the custom data of a layer.
+Edit ofLayer(std::vector<std::string> key, std::optional<Value> value,
+             const LayerId& layer = {"a.usda"}) {
+    key.insert(key.begin(), "omni_layer");
+    FieldPart part = DictionaryKey{std::move(key)};
+    if (!value) return {layer, {"/", {}}, EraseField{"customLayerData", part}};
+    return {layer, {"/", {}}, SetField{"customLayerData", part, *value, {}}};
+}
+std::vector<Edit> lockedBy(const std::string& user) {
+    return {ofLayer({"locked_by"}, stringValue(user)), ofLayer({"locked"}, boolValue(true))};
+}
+const std::vector<Edit> kUnlocked{ofLayer({"locked_by"}, {}), ofLayer({"locked"}, {})};
+const Edit kMuted = ofLayer({"muteness", "./b.usda"}, boolValue(true));
+
+TEST_F(ProjectAccess, AC11RulesDecideAboutLocksAndMutes) {
+    setRules(R"({"effect": "deny", "users": ["user3"], "actions": ["lock"]},
+                {"effect": "allow", "users": ["user1"], "actions": ["lock"]},
+                {"effect": "allow", "users": ["user2"], "actions": ["mute"]})");
+    expectForbidden(kEditor, lockedBy("user3"), "rule 1 denies lock to user3");
+    expectForbidden(kEditor, {ofLayer({"specs_locking", "/A"}, stringValue("user3"))}, "rule 1");
+    EXPECT_FALSE(refusal(kEditor, {kMuted}));
+    expectForbidden(kReviewer, lockedBy("user2"), "is a reviewer");
+    EXPECT_FALSE(refusal(kReviewer, {kMuted}));
+    expectForbidden(kReviewer, {note("/")}, "no rule allows it");
+    // Nothing without effect is written beside a lock, either.
+    expectForbidden(kReviewer, {ofLayer({"locked_by"}, stringValue("x"))}, "is a reviewer");
+    EXPECT_FALSE(refusal(kViewer, lockedBy("user1")));
+    EXPECT_FALSE(refusal(kViewer, kUnlocked));
+    expectForbidden(kViewer, {kMuted}, "is a viewer");
+    // Locks in the whole dictionary are locks, too.
+    Dictionary group, all;
+    group.entries.emplace("locked", boolValue(true));
+    all.entries.emplace("omni_layer", group);
+    const Edit whole{{"a.usda"}, {"/", {}}, SetField{"customLayerData", {}, all, {}}};
+    expectForbidden(kEditor, {whole}, "user3 may not lock in a.usda: rule 1");
+    group.entries.clear();
+    all.entries["omni_layer"] = group;
+    const Edit harmless{{"a.usda"}, {"/", {}}, SetField{"customLayerData", {}, all, {}}};
+    EXPECT_FALSE(refusal(kEditor, {harmless}));
+    setRules(R"({"effect": "deny", "users": ["user3"], "actions": ["mute"]})");
+    ASSERT_FALSE(refusal(kAdmin, {kMuted}));
+    expectForbidden(kEditor, {harmless}, "user3 may not mute layers for everybody in a.usda");
+}
+
+TEST_F(ProjectAccess, AC11ARuleLetsAUserTakeLocksOver) {
+    ASSERT_FALSE(refusal(kAdmin, lockedBy("user4")));
+    EXPECT_EQ(refusal(kEditor, kUnlocked)->code, ErrorCode::Locked);
+    setRules(R"({"effect": "allow", "users": ["user3"], "actions": ["takeOver"]})");
+    EXPECT_EQ(refusal(kEditor, {note("/A")})->code, ErrorCode::Locked);
+    EXPECT_FALSE(refusal(kEditor, kUnlocked));
+    EXPECT_FALSE(refusal(kEditor, {note("/")}));
+    // Also locks of specs.
+    ASSERT_FALSE(refusal(kAdmin, {ofLayer({"specs_locking", "/A"}, stringValue("user4"))}));
+    EXPECT_FALSE(refusal(kEditor, {ofLayer({"specs_locking", "/A"}, {})}));
+    // A free lock needs the right to lock, and no rule against taking over.
+    ASSERT_FALSE(refusal(kAdmin, lockedBy("user4")));
+    world.project->disconnected(kAdmin);
+    world.host.nowMs += 16 * 60'000;
+    setRules(R"({"effect": "deny", "users": ["user3"], "actions": ["takeOver"]})");
+    expectForbidden(kEditor, kUnlocked, "rule 1 denies takeOver to user3");
+    setRules(R"({"effect": "deny", "users": ["user3"], "actions": ["lock"]})");
+    expectForbidden(kEditor, kUnlocked, "rule 1 denies lock to user3");
+    setRules("");
+    EXPECT_FALSE(refusal(kEditor, kUnlocked));
+}
+
+TEST_F(ProjectAccess, AC11RulesDecideAboutRequests) {
+    const auto message = [this](SessionId session, const ControlMessage& request) {
+        const auto error = errorOf(session, request);
+        return error ? error->message : "";
+    };
+    setRules(R"({"effect": "deny", "users": ["user3"]},
+                {"effect": "allow", "users": ["user2"], "actions": ["upload"], "layers": ["tex/*"]},
+                {"effect": "allow", "users": ["user1"], "actions": ["compact"]})");
+    EXPECT_EQ(message(kEditor, ControlMessage(CreateCheckpoint{11, "one"})),
+              "user3 may not create the checkpoint one: rule 1 denies everything to user3");
+    EXPECT_EQ(message(kEditor, ControlMessage(CreateLayer{12, {"new.usda"}})),
+              "user3 may not create new.usda: rule 1 denies everything to user3");
+    const auto upload = [](const char* path) {
+        return ControlMessage(UploadFile{10, path, sha256({}), 0, {}});
+    };
+    EXPECT_EQ(message(kReviewer, upload("tex/a.png")), "");
+    EXPECT_NE(message(kReviewer, upload("a.png")).find("is a reviewer"), std::string::npos);
+    const ControlMessage compact(CompactHistory{.request = 12, .days = 0});
+    EXPECT_EQ(message(kViewer, compact), "");
+    EXPECT_NE(message(kReviewer, compact).find("is a reviewer"), std::string::npos);
+    const auto saved = [&](SessionId session) {
+        world.host.sent.clear();
+        world.receive(session, ControlMessage(SaveLayers{20, {{"a.usda"}}, {}}));
+        world.store();
+        return world.silent(session) ? ""
+                                     : world.nextControl<LayersSaved>(session).failed.at(0).message;
+    };
+    EXPECT_EQ(saved(kEditor), "user3 may not save a.usda: rule 1 denies everything to user3");
+    EXPECT_NE(saved(kViewer).find("is a viewer"), std::string::npos);
+}
+
+TEST_F(ProjectAccess, AC8AnOlderClientIsSentNoRuleAboutActionsOnly) {
+    setRules(R"({"effect": "deny", "actions": ["save"]},
+                {"effect": "deny", "actions": ["save"], "kinds": ["schema"]})");
+    const auto numbers = [this](SessionId session, std::vector<std::string> features) {
+        world.project->connected(session, user(session, Role::Editor));
+        Hello hello = world.hello(session);
+        hello.features = std::move(features);
+        world.receive(session, ControlMessage(hello));
+        std::vector<std::uint64_t> sent;
+        const auto welcome = world.nextControl<Welcome>(session);
+        for (const SentRule& rule : *welcome.rules) sent.push_back(rule.number);
+        return sent;
+    };
+    EXPECT_EQ(numbers(31, {"access", "actions"}), (std::vector<std::uint64_t>{1, 2}));
+    EXPECT_EQ(numbers(32, {"access"}), (std::vector<std::uint64_t>{2}));
+}
+
 TEST_F(ProjectAccess, AC9AClientIdOfAnotherUserCannotBeTaken) {
     const auto refused = refusalAs(11, user(kViewer, Role::Admin), world.client(kEditor).value);
     ASSERT_TRUE(refused);

@@ -190,7 +190,8 @@ struct PresenceChanged {
     std::vector<Presence> shown;
     std::vector<ClientId> gone;
 };
-/// An administrator has changed what this user may write: Client::mayEdit() answers anew.
+/// An administrator has changed what this user may do: Client::mayEdit() and mayDo() answer
+/// anew.
 struct RightsChanged {};
 }  // namespace event
 /// The events above, and event::Answered for each request.

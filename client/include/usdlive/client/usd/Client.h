@@ -342,7 +342,7 @@ public:
     /// Returns "viewer", "reviewer", "editor" or "admin": what the server lets the user do (AC3).
     /// Live layers refuse edits of viewers and reviewers. Empty while the project is not known.
     [[nodiscard]] std::string role() const;
-    /// The answer to mayEdit(). `why` is a sentence if the user may not.
+    /// The answer to mayEdit() and mayDo(). `why` is a sentence if the user may not.
     struct Permission {
         bool isAllowed = false;
         std::string why;
@@ -355,6 +355,16 @@ public:
     /// InvalidArgument (path, kind), LayerNotFound, NotConnected (the project is not known yet).
     [[nodiscard]] Result<Permission> mayEdit(const LayerId& layer, const std::string& path,
                                              std::string_view kind = {}) const;
+    /// Returns whether the server lets the user do something else than edit now, by role, access
+    /// rules and the lock of the layer (AC3, AC11, LK3). Asks nobody and does not wait. `action`
+    /// is "save", "reload", "lock", "takeOver" (end the lock of somebody else), "mute" (for
+    /// everybody, in a root layer), "upload" (`place` is a file of the project), "createLayer",
+    /// "checkpoint" or "compact"; the last two concern the project, and `place` is empty. Else as
+    /// mayEdit(). Errors: InvalidArgument (action, place), InvalidLayerName,
+    /// InvalidFileName, LayerNotFound (not for "upload" and
+    /// "createLayer"), NotConnected (the project is not known yet).
+    [[nodiscard]] Result<Permission> mayDo(std::string_view action,
+                                           const LayerId& place = {}) const;
     [[nodiscard]] std::filesystem::path cacheFolder() const;
 
 private:

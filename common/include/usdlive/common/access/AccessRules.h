@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "usdlive/common/access/OpinionKind.h"
+#include "usdlive/common/access/ProjectAction.h"
 #include "usdlive/common/core/Id.h"
 #include "usdlive/common/core/Result.h"
 #include "usdlive/common/protocol/Control.h"
@@ -16,7 +17,8 @@
 
 namespace usdlive {
 
-/// One rule. An empty list means all.
+/// One rule. An empty list means all; but a rule with kinds and without actions is about no action,
+/// and one with actions and without kinds about no edit.
 struct AccessRule {
     std::size_t number = 0;  ///< its place in the file, from 1
     bool allows = false;
@@ -27,6 +29,7 @@ struct AccessRule {
     std::vector<std::string>
         paths;  ///< the same, of prims: `/World/Props/**` has /World/Props, too
     std::set<OpinionKind> kinds;
+    std::set<ProjectAction> actions = {};  ///< a rule with actions has no paths
 };
 
 /// Returns the rule as the JSON object that parse() reads.
@@ -34,7 +37,8 @@ struct AccessRule {
 
 inline const std::set<std::string> kNoGroups;
 
-/// AC6, AC7: decides which opinions a user may write. A value; immutable after parse(), any thread.
+/// AC6, AC7: decides which opinions a user may write, and what else they may do. A value; immutable
+/// after parse(), any thread.
 class AccessRules {
 public:
     /// Without rules, editors and administrators may write everything.
@@ -63,6 +67,16 @@ public:
     };
     [[nodiscard]] Decision decide(const Question& question) const;
 
+    struct ActionQuestion {
+        const UserName& user;
+        Role role;
+        ProjectAction action;
+        const LayerId& layer;  ///< or a file; empty for an action that concerns the project
+        const std::set<std::string>& groups = kNoGroups;
+    };
+    /// Decides about an action by the rules that are about it and by the role (AC11).
+    [[nodiscard]] Decision decide(const ActionQuestion& question) const;
+
     /// Returns whether a rule names the user, a group or the role. If not, the role alone decides.
     [[nodiscard]] bool concern(const UserName& user, Role role,
                                const std::set<std::string>& groups = kNoGroups) const;
@@ -80,6 +94,9 @@ public:
     [[nodiscard]] std::string describe(std::size_t rule) const;
 
 private:
+    template <class Asked, class FitOf>
+    [[nodiscard]] Decision decideBy(const Asked& question, bool byRole, const FitOf& fitOf) const;
+
     std::vector<AccessRule> rules_;
 };
 

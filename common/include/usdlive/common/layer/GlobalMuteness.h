@@ -15,6 +15,9 @@ namespace usdlive {
 /// Returns the muted layers of the project. Ignores paths that lead out of it.
 [[nodiscard]] std::set<LayerId> globallyMuted(const LayerId& root, const LayerDoc& doc);
 
+/// Returns true if the action, of a pseudo-root, changes only mutes.
+[[nodiscard]] bool isMuteEdit(const EditAction& action);
+
 /// Returns the edits of the root layer's pseudo-root that mute or unmute `layer`. Uses an existing
 /// key for the layer, in any spelling.
 [[nodiscard]] std::vector<EditAction> globalMuteEdits(const LayerId& root, const LayerDoc& doc,

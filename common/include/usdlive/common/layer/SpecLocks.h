@@ -23,6 +23,9 @@ using SpecLocks = std::map<std::string, UserName>;
 /// Returns true if the action, of a pseudo-root, may change the spec locks.
 [[nodiscard]] bool touchesSpecLocks(const EditAction& action);
 
+/// Returns true if the action, of a pseudo-root, changes only spec locks.
+[[nodiscard]] bool isSpecLockEdit(const EditAction& action);
+
 /// Returns the sublayers of a layer that belong to the project, strongest first.
 [[nodiscard]] std::vector<LayerId> subLayersOf(const LayerId& layer, const LayerDoc& doc);
 

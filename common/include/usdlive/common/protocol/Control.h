@@ -60,10 +60,11 @@ struct SentRule {
     bool allows = false;
     std::vector<std::string> users;  ///< the user, or nobody
     std::vector<std::string> roles;
-    std::vector<std::string> groups;         ///< those of the user
-    std::vector<std::string> layers, paths;  ///< globs
-    std::vector<std::string> kinds;          ///< kinds of opinion (AC7)
-    USDLIVE_FIELDS(number, allows, users, roles, groups, layers, paths, kinds)
+    std::vector<std::string> groups;                       ///< those of the user
+    std::vector<std::string> layers, paths;                ///< globs
+    std::vector<std::string> kinds;                        ///< kinds of opinion (AC7)
+    std::optional<std::vector<std::string>> actions = {};  ///< if it names some (AC11)
+    USDLIVE_FIELDS(number, allows, users, roles, groups, layers, paths, kinds, actions)
     bool operator==(const SentRule&) const = default;
 };
 /// Server: the access rules that concern the user have changed. Feature `access`.
@@ -74,6 +75,8 @@ struct AccessChanged {
     bool operator==(const AccessChanged&) const = default;
 };
 inline constexpr const char* kAccessFeature = "access";
+/// A client that knows that a rule can be about actions only (AC8).
+inline constexpr const char* kActionsFeature = "actions";
 /// Server: the answer to Hello. Afterwards the server sends every commit after `revision`; to a
 /// resumed session every commit after Hello::resume.revision, also those up to `revision`.
 struct Welcome {

@@ -96,6 +96,7 @@ const std::vector<ClientFunction> kFunctions{
     THROWS(user),
     THROWS(role),
     RETURNS(mayEdit, kThreadLayer, "/A"),
+    RETURNS(mayDo, "save", kThreadLayer),
     THROWS(isAdministrator),
     THROWS(cacheFolder),
 };
