@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <sstream>
 
+#include "session/OwnRights.h"
 #include "unit/common/layer/SpecLockEdits.h"
 #include "usdlive/common/core/ClientSecret.h"
 #include "usdlive/common/core/ErrorPasses.h"
@@ -83,7 +84,7 @@ Session::Options SimClient::options() {
         options.secret = sha256(asBytes(options.client.value));
         options.client = clientIdOf(*options.secret);
     }
-    options.user = {"user" + std::to_string(number_)};
+    options.user = user();
     options.application = "simulation";
     options.uploadWindowChunks = 1 + random_.below(3);
     options.checksPrediction = style_.checksPrediction;
@@ -134,7 +135,7 @@ void SimClient::connect() {
                        }});
     clock_.in(random_.between(100, 5'000), [this, link] {
         if (*link != link_) return;
-        server_.connected(*link);
+        server_.connected(*link, user());
         session_.connected();
     });
 }
@@ -320,7 +321,7 @@ void SimClient::lockSomething() {
     if (layers.empty()) return;
     const LayerId& layer = random_.pick(layers);
     LayerDoc& doc = editor_.at(layer);
-    const UserName self{"user" + std::to_string(number_)};
+    const UserName self = user();
     std::vector<EditAction> actions;
     if (random_.chance(50)) {
         LayerLock lock;
@@ -541,6 +542,7 @@ void SimClient::on(const event::Lost& event) {
     lost_.insert(event.work.sequence);
     require(!errorPasses(event.work.reason.code),
             "work is lost for a reason that passes: " + event.work.reason.message);
+    if (event.work.reason.code == ErrorCode::Forbidden) ++forbidden;
     if (event.work.reason.code == ErrorCode::ClientForgotten) uncertain.insert(event.work.sequence);
     namespace_.lost(event.work);
     if (event.work.gesture != 0) return;
@@ -670,8 +672,30 @@ void SimClient::compareEditor() const {
     }
 }
 
+/// AC8: it knows what it may do.
+void SimClient::checkRights() const {
+    const OwnRights& rights = session_.rights();
+    require(rights.role() == server_.roleOf(user()), "a client does not know its role");
+    for (const LayerId& layer : style_.layers) {
+        for (std::size_t kind = 0; kind < kOpinionKindNames.size(); ++kind)
+            require(rights.decide(layer, "/", OpinionKind(kind)).isAllowed ==
+                        server_.rules()
+                            .decide({user(), rights.role(), layer, "/", OpinionKind(kind)})
+                            .isAllowed,
+                    "a client does not know what it may write");
+        for (std::size_t action = 0; action < kProjectActionNames.size(); ++action)
+            require(rights.decide(ProjectAction(action), layer).isAllowed ==
+                        server_.rules()
+                            .decide(AccessRules::ActionQuestion{user(), rights.role(),
+                                                                ProjectAction(action), layer})
+                            .isAllowed,
+                    "a client does not know which actions it may do");
+    }
+}
+
 void SimClient::check(const std::map<LayerId, std::string>& truth) const {
     checkAnswered();
+    checkRights();
     for (const LayerId& layer : opened_) {
         const std::string name = "client" + std::to_string(number_) + " " + layer.value;
         const std::string expected = truth.contains(layer) ? truth.at(layer) : LayerDoc().dump();

@@ -55,6 +55,7 @@ public:
     void check(const std::map<LayerId, std::string>& truth) const;
 
     [[nodiscard]] const client::Session& session() const { return session_; }
+    [[nodiscard]] UserName user() const { return {"user" + std::to_string(number_)}; }
     [[nodiscard]] const std::map<LayerId, LayerDoc>& editor() const { return editor_; }
 
     /// It could not resume while work was pending. It does not know the moves since, and sends this
@@ -63,6 +64,7 @@ public:
     // Counters; gestures are not counted.
     std::uint64_t authoredEdits = 0;
     std::uint64_t lostEdits = 0;
+    std::uint64_t forbidden = 0;  ///< refusals by roles and rules
     std::uint64_t uncertainEdits = 0;  ///< a base replaced their commits before it received them
     std::uint64_t transactions = 0;
     std::uint64_t commitsSeen = 0;
@@ -139,6 +141,7 @@ private:
     [[nodiscard]] std::string differenceFromTold(
         const std::vector<client::AuthoredEdit>& regained) const;
     void checkAnswered() const;
+    void checkRights() const;
     void compareEditor() const;
     void need(const Hash& hash);
     client::Session::Options options();

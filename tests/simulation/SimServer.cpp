@@ -50,6 +50,7 @@ void SimServer::start() {
     StoreState state = *readState(store(), options_);
     state.hasSpace = disk.reportsSpace;
     project_ = std::make_unique<Project>(options_, ports(), std::move(state), served);
+    project_->setRules(rules_);
 }
 
 void SimServer::kill() {
@@ -66,8 +67,59 @@ void SimServer::kill() {
     network_.cutAll();
 }
 
-void SimServer::connected(SessionId session) {
-    if (project_) project_->connected(session);
+void SimServer::connected(SessionId session, const UserName& user) {
+    if (!project_) return;
+    if (signsIn_)
+        project_->connected(session, SignedIn{user, roleOf(user), user.value});
+    else
+        project_->connected(session);
+}
+
+// ---- what users may do
+
+Role SimServer::roleOf(const UserName& user) const {
+    const auto found = roles_.find(user);
+    return found == roles_.end() ? Role::Editor : found->second;
+}
+
+void SimServer::setRole(const UserName& user, Role role) {
+    roles_[user] = role;
+    if (project_) project_->rolesChanged([this](const SignedIn& one) { return roleOf(one.user); });
+}
+
+void SimServer::setRules(AccessRules rules) {
+    rules_ = std::make_shared<const AccessRules>(std::move(rules));
+    if (project_) project_->setRules(rules_);
+}
+
+bool SimServer::allows(const UserName& user, const Edit& edit) const {
+    const Role role = roleOf(user);
+    const auto& path = edit.address.path;
+    if (const auto action = projectActionOf(path, edit.action))
+        return rules_->decide(AccessRules::ActionQuestion{user, role, *action, edit.layer})
+            .isAllowed;
+    const auto mayWrite = [&](OpinionKind kind) {
+        return rules_->decide({user, role, edit.layer, path, kind}).isAllowed;
+    };
+    // The commit does not tell whether the spec was there before.
+    for (const bool exists : {true, false}) {
+        const auto kind = opinionKindOf(path, edit.action, exists);
+        for (std::size_t other = 0; other < kOpinionKindNames.size(); ++other)
+            if ((!kind || *kind == OpinionKind(other)) && mayWrite(OpinionKind(other))) return true;
+    }
+    return false;
+}
+
+void SimServer::checkAllowed(const CommitRecord& record) const {
+    if (!signsIn_) return;
+    const auto commit = decodeCommit({record.revision, record.frame, record.hash});
+    require(commit.has_value(), "an ordered commit does not decode");
+    if (commit->imported) return;
+    for (const Edit& edit : commit->edits)
+        require(allows(commit->user, edit),
+                commit->user.value + ", who is " + std::string(nameOf(roleOf(commit->user))) +
+                    ", may not edit " + edit.address.path + " of " + edit.layer.value +
+                    ", but did in revision " + std::to_string(record.revision));
 }
 
 void SimServer::later(std::int64_t delayUs, std::function<void()> what) {
@@ -124,6 +176,7 @@ void SimServer::setSpace(bool full, bool reportsSpace) {
 
 void SimServer::append(CommitRecord commit) {
     require(!closed_, "the project writes to a closed store");
+    checkAllowed(commit);
     appends_.push_back(std::move(commit));
     if (appending_ == 0) appendNext();
 }

@@ -8,6 +8,7 @@
 
 #include "SimDisk.h"
 #include "SimNetwork.h"
+#include "usdlive/common/access/AccessRules.h"
 #include "usdlive/common/layer/TransactionExecutor.h"
 #include "usdlive/server/project/NamedBlobs.h"
 #include "usdlive/server/project/Project.h"
@@ -27,7 +28,14 @@ public:
     [[nodiscard]] bool isRunning() const { return project_ != nullptr; }
     [[nodiscard]] const server::Project& project() const { return *project_; }
     /// Called when an editor has connected.
-    void connected(server::SessionId session);
+    void connected(server::SessionId session, const UserName& user);
+    /// Lets users sign in: from now on they have roles.
+    void signUsersIn() { signsIn_ = true; }
+    /// Change what users may do. When they return, no edit that this forbids may be ordered any more.
+    void setRole(const UserName& user, Role role);
+    void setRules(AccessRules rules);
+    [[nodiscard]] Role roleOf(const UserName& user) const;
+    [[nodiscard]] const AccessRules& rules() const { return *rules_; }
     /// Returns whether the history has the layers at the revision. True as well if `welcome` is of
     /// a history that has been replaced since, or begins later: nobody can tell (ID2).
     [[nodiscard]] bool serves(const Welcome& welcome, Revision revision,
@@ -114,6 +122,9 @@ public:
     [[nodiscard]] LayerDoc replay(const LayerId& layer, Revision revision) const;
 
 private:
+    /// AC4, AC6: checks that the role and the rules of now allow what is ordered now.
+    void checkAllowed(const server::CommitRecord& record) const;
+    [[nodiscard]] bool allows(const UserName& user, const Edit& edit) const;
     void drop(const std::vector<Hash>& unused);
     [[nodiscard]] std::set<Hash> namedByCommits() const;
     void appendNext();
@@ -129,6 +140,10 @@ private:
     const server::Project::Options options_;
     std::unique_ptr<server::Project> project_;
     std::uint64_t process_ = 0;
+
+    bool signsIn_ = false;
+    std::map<UserName, Role> roles_;  // those that were set
+    std::shared_ptr<const AccessRules> rules_ = std::make_shared<const AccessRules>();
 
     std::deque<server::CommitRecord> appends_;
     std::size_t appending_ = 0;

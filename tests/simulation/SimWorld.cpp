@@ -28,10 +28,12 @@ public:
           random_(seed),
           ages_(~seed),
           histories_(seed ^ 0x1d),
+          rights_(seed ^ 0xac),
           kind_(seed % 5),
           style_(style()),
           server_(makeServer(seed)) {
         server_.slowness = random_.chance(20) ? 10 : 1;
+        if (changesRights(seed)) server_.signUsersIn();
         if (random_.chance(40)) {
             network_.ddsPercent = random_.chance(50) ? 100 : 50;
             network_.ddsLossPercent = unsigned(random_.below(16));
@@ -70,6 +72,13 @@ private:
         constexpr std::array kNot{0u,  4u,  8u,  9u,  11u, 15u, 17u, 18u, 22u, 27u,
                                   30u, 32u, 36u, 39u, 43u, 50u, 51u, 52u, 53u, 54u};
         return !editsNamespace(seed) && std::ranges::find(kNot, seed % 63) == kNot.end();
+    }
+
+    /// True if roles and rules change. Uses no random number, and is false for all seeds that failed
+    /// once before.
+    static bool changesRights(std::uint64_t seed) {
+        constexpr std::array kSome{1u, 3u, 7u, 12u, 16u, 24u};
+        return std::ranges::find(kSome, seed % 31) != kSome.end();
     }
 
     SimStyle style() {
@@ -157,6 +166,37 @@ private:
                 clock_.at(ages_.between(0, end), [this] { server_.boundHistory(); });
         if (ages_.chance(30)) clock_.at(ages_.between(0, end), [this] { fullAtReconnect(); });
         if (!style_.bigValues && histories_.chance(25)) planOtherHistories(end);
+        if (changesRights(seed_))
+            for (auto count = 2 + rights_.below(20); count > 0; --count)
+                clock_.at(rights_.between(0, end), [this] { changeRights(); });
+    }
+
+    // AC4, AC6: an administrator changes roles and rules while users edit. Nobody is an
+    // administrator here: these may edit what others have locked.
+    void changeRights() {
+        constexpr std::array kRoles{Role::Viewer, Role::Reviewer, Role::Editor, Role::Editor};
+        ++report_.policies;
+        if (rights_.chance(30))
+            return server_.setRole(rights_.pick(clients_)->user(), rights_.pick(kRoles));
+        std::string rules;
+        for (auto count = rights_.below(4); count > 0; --count)
+            rules += (rules.empty() ? "" : ", ") + textOf(randomRule());
+        auto parsed = AccessRules::parse(R"({"format": 1, "rules": [)" + rules + "]}");
+        require(parsed.has_value(), "random rules are wrong");
+        server_.setRules(std::move(*parsed));
+    }
+    AccessRule randomRule() {
+        AccessRule rule;
+        rule.allows = rights_.chance(40);
+        if (rights_.chance(60)) rule.users.insert(rights_.pick(clients_)->user().value);
+        if (rights_.chance(20)) rule.roles.insert(rights_.chance(50) ? Role::Editor : Role::Viewer);
+        if (rights_.chance(30)) rule.layers = {rights_.pick(style_.layers).value};
+        if (rights_.chance(30)) rule.kinds.insert(OpinionKind(rights_.below(10)));
+        if (rights_.chance(20))
+            rule.actions = {rights_.chance(50) ? ProjectAction::Lock : ProjectAction::Save};
+        else if (rights_.chance(30))
+            rule.paths = {rights_.chance(50) ? "/A/**" : "/*"};
+        return rule;
     }
 
     // ID2: another project, or an older copy of this one, is served at the address for some time.
@@ -238,6 +278,10 @@ private:
     void becomeQuiet() {
         serveOwn();
         emptyDisk();
+        if (changesRights(seed_) && rights_.chance(50)) {
+            server_.setRules({});
+            for (const auto& client : clients_) server_.setRole(client->user(), Role::Editor);
+        }
         if (server_.disk.failed) kill();
         if (random_.chance(50)) addClient();
         for (const auto& client : clients_) client->stopEditing(random_.chance(50));
@@ -303,6 +347,7 @@ private:
             report_.previewedBlobs += client->previewedBlobs;
             report_.undos += client->undos;
             report_.redos += client->redos;
+            report_.forbidden += client->forbidden;
             report_.kept += client->keptOfOthers;
             report_.undosChecked += client->undosChecked;
             for (const Checkpoint& made : client->checkpoints)
@@ -479,6 +524,7 @@ private:
     SimRandom ages_;  // decides when old commits are replaced; separate, so that it does not change
                       // the rest
     SimRandom histories_;  // decides about other histories; separate for the same reason
+    SimRandom rights_;     // decides what users may do; the same
     SimClock clock_;
     SimNetwork network_{clock_, random_};
     const std::uint64_t kind_;

@@ -67,6 +67,8 @@ public:
             all.otherHistories += one.otherHistories;
             all.joinsOfOther += one.joinsOfOther;
             all.regained += one.regained;
+            all.policies += one.policies;
+            all.forbidden += one.forbidden;
             all.undos += one.undos;
             all.redos += one.redos;
             all.kept += one.kept;
@@ -88,6 +90,7 @@ public:
         EXPECT_GT(all.carried, 0u);
         EXPECT_GT(all.joinsOfOther, 0u);
         EXPECT_GT(all.regained, 0u);
+        EXPECT_GT(all.forbidden, 0u);
         EXPECT_GT(all.redos, 0u);
         EXPECT_GT(all.kept, 0u);
         EXPECT_GT(all.undosChecked, 0u);
@@ -114,6 +117,7 @@ private:
             "%llu namespace edits (%llu of several layers, %llu refused), %llu writes to prims "
             "(%llu "
             "carried by moves), %llu other histories (joined %llu times, lacked %llu edits), "
+            "%llu changes of rights (%llu transactions refused), "
             "%llu undos, %llu redos (kept %llu of others, %llu compared), %llu edits of reverts "
             "(%llu stayed)%s\n",
             what.c_str(), number(report.commits), number(report.lost), number(report.restarts),
@@ -123,6 +127,7 @@ private:
             number(report.writtenAgain), number(report.moves), number(report.movesOfSeveral),
             number(report.refusedMoves), number(report.writes), number(report.carried),
             number(report.otherHistories), number(report.joinsOfOther), number(report.regained),
+            number(report.policies), number(report.forbidden),
             number(report.undos), number(report.redos), number(report.kept),
             number(report.undosChecked), number(report.reverted), number(report.stayed),
             report.failure.empty() ? "" : ", FAILED");
