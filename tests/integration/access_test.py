@@ -155,6 +155,65 @@ def test_a_revoked_token_ends_one_machine(studio, project):
     laptop.close()
 
 
+def test_a_program_signs_in_with_its_token(studio, project, tmp_path, monkeypatch):
+    """AC12"""
+    made = user("add", "farm", "--service", "--role", "viewer", "--expires", "90d", project)
+    token = re.search(r"usdlive-token://\S+", made).group()
+    assert token.startswith(f"usdlive-token://farm@127.0.0.1:{studio.server.port}/") and "has taken" in made
+    assert re.search(r"farm  viewer, a service account\n  token \w{8} of \S+, until 20", user("list", project))
+    studio.be("node")
+    assert usdlive_("ls", studio.server.url).returncode == 1
+    monkeypatch.setenv("USDLIVE_TOKEN", token)
+    with usdlive.connect(studio.server.url) as live:
+        assert (live.user, live.role) == ("farm", "viewer")
+    assert not (pathlib.Path(studio.home("node")) / "usdlive" / "servers.json").exists(), "nothing is kept"
+    monkeypatch.delenv("USDLIVE_TOKEN")
+    file = tmp_path / "token"
+    file.write_text(token + "\n")
+    monkeypatch.setenv("USDLIVE_TOKEN_FILE", str(file))
+    opened = usdlive_("ls", studio.server.url)
+    assert opened.returncode == 1 and f"chmod 600 {file}" in opened.stderr and token[-20:] not in opened.stderr
+    file.chmod(0o600)
+    assert usdlive_("ls", studio.server.url).stdout.startswith("root.usda")
+    # It is revoked as any token is, and nobody joins with the account.
+    live = usdlive.connect(studio.server.url)
+    listed = json.loads(next(line for line in user("list", "--json", project).splitlines() if '"farm"' in line))
+    assert listed["service"] and listed["tokens"][0]["endsAt"] > time.time() + 89 * 86_400
+    user("revoke", listed["tokens"][0]["id"], project)
+    wait(lambda: not live.connected, live)
+    live.close(timeout=0)
+    assert usdlive_("ls", studio.server.url).returncode == 1
+    file.write_text(re.search(r"usdlive-token://\S+", user("token", "farm", project)).group())
+    assert usdlive_("ls", studio.server.url).returncode == 0
+    for words, why in ((("invite", "farm"), "service account"), (("token", "chief"), "no service account"),
+                       (("add", "eve", "--expires", "3d"), "--service"), (("token", "farm", "--expires", "3"), "unit"),
+                       (("token", "farm", "--expires", "0d"), "--expires")):
+        ran = usdlive_("user", *words, project)
+        assert ran.returncode != 0 and why in ran.stderr, (words, ran.stderr)
+    token = file.read_text()[-64:]
+    assert token not in studio.server.log.read_text() + (project / ".usdlive" / "audit.jsonl").read_text()
+
+
+def test_the_token_of_a_program_ends(studio, project, monkeypatch):
+    """AC12: its sessions end within a second of its end."""
+    token = re.search(r"usdlive-token://\S+", user("add", "farm", "--service", "--expires", "1m", project)).group()
+    users = project / ".usdlive" / "users.json"
+    studio.be("node")
+    monkeypatch.setenv("USDLIVE_TOKEN", token)
+    accounts = json.loads(users.read_text())
+    end = int(time.time()) + 3
+    accounts["users"]["farm"]["tokens"][0]["endsAt"] = end
+    accounts["version"] += 1
+    users.write_text(json.dumps(accounts))
+    wait(lambda: json.loads((project / ".usdlive" / "users.followed").read_text())["version"] == accounts["version"])
+    live = usdlive.connect(studio.server.url)
+    wait(lambda: not live.connected, live)
+    assert end <= time.time() < end + 2
+    live.close(timeout=0)
+    refused = usdlive_("ls", studio.server.url)
+    assert refused.returncode == 1 and "token" in refused.stderr
+
+
 def test_a_project_without_a_role_does_not_exist(tmp_path, monkeypatch):
     """AC3"""
     folder = tmp_path / "all"

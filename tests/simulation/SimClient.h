@@ -64,7 +64,7 @@ public:
     // Counters; gestures are not counted.
     std::uint64_t authoredEdits = 0;
     std::uint64_t lostEdits = 0;
-    std::uint64_t forbidden = 0;  ///< refusals by roles and rules
+    std::uint64_t forbidden = 0;       ///< refusals by roles and rules
     std::uint64_t uncertainEdits = 0;  ///< a base replaced their commits before it received them
     std::uint64_t transactions = 0;
     std::uint64_t commitsSeen = 0;

@@ -31,7 +31,8 @@ public:
     void connected(server::SessionId session, const UserName& user);
     /// Lets users sign in: from now on they have roles.
     void signUsersIn() { signsIn_ = true; }
-    /// Change what users may do. When they return, no edit that this forbids may be ordered any more.
+    /// Change what users may do. When they return, no edit that this forbids may be ordered any
+    /// more.
     void setRole(const UserName& user, Role role);
     void setRules(AccessRules rules);
     [[nodiscard]] Role roleOf(const UserName& user) const;

@@ -26,8 +26,8 @@ struct SimReport {
     std::uint64_t otherHistories = 0;  ///< other projects and restored copies at the address (ID2)
     std::uint64_t joinsOfOther = 0;    ///< decisions to join one (ID4)
     std::uint64_t regained = 0;        ///< edits that it lacked
-    std::uint64_t policies = 0;   ///< changes of what users may do (AC4, AC6)
-    std::uint64_t forbidden = 0;  ///< transactions that were refused because of them
+    std::uint64_t policies = 0;        ///< changes of what users may do (AC4, AC6)
+    std::uint64_t forbidden = 0;       ///< transactions that were refused because of them
     std::uint64_t undos = 0, redos = 0;
     std::uint64_t kept = 0;          ///< registers that undos have left because others wrote them
     std::uint64_t undosChecked = 0;  ///< those compared with what others have written

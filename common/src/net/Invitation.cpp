@@ -9,14 +9,15 @@ namespace usdlive {
 
 namespace {
 
-constexpr std::string_view kScheme = "usdlive-invitation://";
+constexpr std::string_view kScheme = "usdlive-invitation://", kTokenScheme = "usdlive-token://";
 constexpr std::string_view kTls = "tls", kPin = "pin=", kSha256 = "sha256:";
 constexpr std::size_t kHexDigits = 64;
 
-tl::unexpected<Error> invalid(const std::string& why) {
+tl::unexpected<Error> damaged(std::string_view scheme, const std::string& why) {
     return fail(ErrorCode::InvalidArgument,
-                "the invitation is damaged: " + why +
-                    ". Copy all of it, from usdlive-invitation:// to its last character");
+                "the " + std::string(scheme == kScheme ? "invitation" : "token") +
+                    " is damaged: " + why + ". Copy all of it, from " + std::string(scheme) +
+                    " to its last character");
 }
 
 bool isHex(std::string_view text) {
@@ -38,22 +39,9 @@ std::string_view trimmed(std::string_view text) {
     return text.substr(begin, text.find_last_not_of(" \t\r\n") + 1 - begin);
 }
 
-}  // namespace
-
-std::string Invitation::text() const {
-    const bool isV6 = host.find(':') != std::string::npos;
-    std::string all = std::string(kScheme) + (isV6 ? "[" + host + "]" : host) + ":" +
-                      std::to_string(port) + "/" + code;
-    if (!pin.empty()) return all + "?" + std::string(kPin) + pin;
-    return isTls ? all + "?" + std::string(kTls) : all;
-}
-
-bool isInvitation(std::string_view text) { return trimmed(text).starts_with(kScheme); }
-
-Result<Invitation> parseInvitation(std::string_view pasted) {
-    std::string_view rest = trimmed(pasted);
-    if (!rest.starts_with(kScheme)) return invalid("it does not begin with usdlive-invitation://");
-    rest.remove_prefix(kScheme.size());
+/// Parses `HOST:PORT/CODE`, with what follows a text that begins with the scheme.
+Result<Invitation> placeIn(std::string_view rest, std::string_view scheme) {
+    const auto invalid = [scheme](const char* why) { return damaged(scheme, why); };
     Invitation invitation;
     const auto slash = rest.find('/');
     if (slash == std::string_view::npos) return invalid("it has no code");
@@ -83,6 +71,45 @@ Result<Invitation> parseInvitation(std::string_view pasted) {
         !isHex(std::string_view(invitation.pin).substr(kSha256.size())))
         return invalid("the fingerprint of the server is not complete");
     return invitation;
+}
+
+std::string textOf(const Invitation& invitation, const std::string& begin) {
+    const auto& [host, port, code, isTls, pin] = invitation;
+    const bool isV6 = host.find(':') != std::string::npos;
+    std::string all =
+        begin + (isV6 ? "[" + host + "]" : host) + ":" + std::to_string(port) + "/" + code;
+    if (!pin.empty()) return all + "?" + std::string(kPin) + pin;
+    return isTls ? all + "?" + std::string(kTls) : all;
+}
+
+}  // namespace
+
+std::string Invitation::text() const { return textOf(*this, std::string(kScheme)); }
+
+std::string ServiceToken::text() const {
+    return textOf(place, std::string(kTokenScheme) + user + "@");
+}
+
+bool isInvitation(std::string_view text) { return trimmed(text).starts_with(kScheme); }
+
+Result<Invitation> parseInvitation(std::string_view pasted) {
+    const std::string_view text = trimmed(pasted);
+    if (!text.starts_with(kScheme))
+        return damaged(kScheme, "it does not begin with " + std::string(kScheme));
+    return placeIn(text.substr(kScheme.size()), kScheme);
+}
+
+Result<ServiceToken> parseServiceToken(std::string_view pasted) {
+    std::string_view text = trimmed(pasted);
+    if (!text.starts_with(kTokenScheme))
+        return damaged(kTokenScheme, "it does not begin with " + std::string(kTokenScheme));
+    text.remove_prefix(kTokenScheme.size());
+    const auto end = text.substr(0, text.find('/')).rfind('@');
+    if (end == std::string_view::npos || end == 0)
+        return damaged(kTokenScheme, "it names no account");
+    return placeIn(text.substr(end + 1), kTokenScheme).map([&](Invitation place) {
+        return ServiceToken{std::string(text.substr(0, end)), std::move(place)};
+    });
 }
 
 }  // namespace usdlive

@@ -14,6 +14,7 @@
 #include <utility>
 
 #include "usdlive/common/core/OwnedFile.h"
+#include "usdlive/common/net/Invitation.h"
 
 namespace usdlive {
 
@@ -137,6 +138,34 @@ fs::path folderOf(const char* variable) {
     return value ? value : "";
 }
 
+/// Returns the text of a file with a secret, which nobody else may read.
+Result<std::string> secretIn(const fs::path& path) {
+    const Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
+    struct stat status{};
+    if (!file || ::fstat(file.get(), &status) != 0) return failed("read", path, systemError());
+    if ((status.st_mode & kOthers) != 0)
+        return failed("use", path,
+                      "other users can read it, and it contains a token. Run `chmod 600 " +
+                          path.string() + "`");
+    return readFile(file, path);
+}
+
+/// Returns the token of a service account that the environment gives, if it does.
+Result<std::optional<ServiceToken>> givenToken() {
+    constexpr const char *kToken = "USDLIVE_TOKEN", *kTokenFile = "USDLIVE_TOKEN_FILE";
+    const char* const text = std::getenv(kToken);
+    const char* const file = std::getenv(kTokenFile);
+    const bool isText = text && *text;
+    if (!isText && !(file && *file)) return std::nullopt;
+    const auto secret = isText ? Result<std::string>(text) : secretIn(file);
+    if (!secret) return tl::unexpected(secret.error());
+    auto token = parseServiceToken(*secret);
+    if (!token)
+        return fail(ErrorCode::InvalidConfiguration,
+                    std::string(isText ? kToken : kTokenFile) + ": " + token.error().message);
+    return *std::move(token);
+}
+
 }  // namespace
 
 std::string serverName(const std::string& host, std::uint16_t port) {
@@ -162,6 +191,23 @@ fs::path KnownServers::folderOfUser() {
 KnownServers::KnownServers(fs::path folder) : folder_(std::move(folder)) {}
 
 Result<std::optional<KnownServer>> KnownServers::find(const std::string& host,
+                                                      std::uint16_t port) const {
+    const auto token = givenToken();
+    if (!token) return tl::unexpected(token.error());
+    auto known = kept(host, port);
+    if (!known || !*token) return known;
+    const auto& [user, place] = **token;
+    if (serverName(place.host, place.port) != serverName(host, port)) return known;
+    KnownServer server = known->value_or(KnownServer());
+    server.user = user;
+    server.token = place.code;
+    server.isTls = server.isTls || place.isTls;
+    if (!place.pin.empty()) server.pin = place.pin;
+    server.renewal.reset();
+    return server;
+}
+
+Result<std::optional<KnownServer>> KnownServers::kept(const std::string& host,
                                                       std::uint16_t port) const {
     if (folder_.empty()) return std::nullopt;
     const auto all = readServers(folder_ / kFile);

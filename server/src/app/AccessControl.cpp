@@ -176,6 +176,21 @@ HttpPage AccessControl::refusal(const HttpTarget& target, const Stranger& strang
                             "now. Try again later; the log of the server says more\n",
                             kNotNow},
                            "the issuer's keys are not known");
+        case Stranger::Why::EndedToken:
+            return refused(
+                target.peer, "sign-in refused",
+                signInFirst("the token of " + stranger.user.value +
+                            " has ended. Its administrator can run `usdlive user token " +
+                            stranger.user.value + " DIR`"),
+                "the token of " + stranger.user.value + " has ended");
+        case Stranger::Why::IsService:
+            return refused(
+                target.peer, "sign-in refused",
+                {"text/plain",
+                 stranger.user.value +
+                     " is a service account of this server, with which nobody signs in\n",
+                 kForbiddenUser},
+                stranger.user.value + " is a service account");
         case Stranger::Why::NoRole:
             return refused(target.peer, "sign-in refused",
                            {"text/plain",

@@ -39,6 +39,7 @@ Examples:
   usdlive user add ann --at render:7447 shots/s010  prints an invitation for ann
   usdlive user role ann viewer shots/s010           from now on ann can only look
   usdlive user remove ann shots/s010                ends her sessions within a second
+  usdlive user add farm --service --expires 90d shots/s010   prints a token for a render farm
 
 Roles: viewer (look), reviewer (and create checkpoints), editor (and edit, save, lock), admin (and edit
 what others have locked, replace the history), none (nothing).)";
@@ -46,7 +47,8 @@ what others have locked, replace the history), none (nothing).)";
 struct Words {
     std::string user, role = "editor", project, token, url;
     fs::path folder;
-    bool json = false;
+    bool json = false, isService = false;
+    std::int64_t expiresIn = 0;  ///< seconds; 0: never
 };
 
 std::optional<FollowedAccounts> readFollowed(const fs::path& folder) {
@@ -171,7 +173,52 @@ Result<void> printInvitation(const Words& words, const std::function<Result<void
     return recorded;
 }
 
+std::string dateOf(std::int64_t seconds) {
+    const auto time = std::time_t(seconds);
+    std::tm parts{};
+    char text[32] = {};
+    if (!::gmtime_r(&time, &parts) || std::strftime(text, sizeof text, "%F", &parts) == 0)
+        return "?";
+    return text;
+}
+
+/// Prints a new token of a service account, after `edit`.
+Result<void> printToken(const Words& words, const std::function<Result<void>(Accounts&)>& edit,
+                        std::string_view event, const std::string& detail) {
+    auto place = inviteTo(words);
+    if (!place) return tl::unexpected(place.error());
+    const std::int64_t now = std::time(nullptr);
+    const auto end = words.expiresIn > 0 ? std::optional(now + words.expiresIn) : std::nullopt;
+    const auto changed = AccountsFile(words.folder).change([&](Accounts& accounts) -> Result<void> {
+        if (auto edited = edit(accounts); !edited) return edited;
+        return accounts.makeToken({words.user}, now, end).map([&](std::string token) {
+            place->code = std::move(token);
+        });
+    });
+    if (!changed) return tl::unexpected(changed.error());
+    const std::string until = end ? ", until " + dateOf(*end) : "";
+    auto recorded = recordCommand(words.folder, event, detail + until);
+    std::cout
+        << "The token of " << words.user << until
+        << ". Give it to the program in a file that USDLIVE_TOKEN_FILE names (chmod 600), or in "
+           "USDLIVE_TOKEN. It is not shown again:\n\n  "
+        << ServiceToken{words.user, *place}.text() << "\n\n";
+    confirm(words.folder, changed->version());
+    return recorded;
+}
+
+Result<void> makeToken(const Words& words) {
+    return printToken(words, [](Accounts&) { return Result<void>(); }, "token made", words.user);
+}
+
 Result<void> add(const Words& words) {
+    if (words.isService)
+        return printToken(
+            words,
+            [&](Accounts& accounts) {
+                return accounts.add({words.user}, *roleNamed(words.role), true);
+            },
+            "user added", words.user + " as " + words.role + ", a service account");
     return printInvitation(
         words,
         [&](Accounts& accounts) { return accounts.add({words.user}, *roleNamed(words.role)); },
@@ -208,21 +255,17 @@ Result<void> revoke(const Words& words) {
         "token revoked", words.token);
 }
 
-std::string dateOf(std::int64_t seconds) {
-    const auto time = std::time_t(seconds);
-    std::tm parts{};
-    char text[32] = {};
-    if (!::gmtime_r(&time, &parts) || std::strftime(text, sizeof text, "%F", &parts) == 0)
-        return "?";
-    return text;
-}
-
 void print(const UserName& name, const Account& account, std::int64_t now) {
-    std::cout << name.value << "  " << nameOf(account.role);
+    std::cout << name.value << "  " << nameOf(account.role)
+              << (account.isService ? ", a service account" : "");
     for (const auto& [project, role] : account.projects)
         std::cout << ", " << nameOf(role) << " in " << project;
     for (const AccountToken& token : account.tokens)
-        std::cout << "\n  token " << token.id << " of " << dateOf(token.madeAt);
+        std::cout << "\n  token " << token.id << " of " << dateOf(token.madeAt)
+                  << (!token.endsAt          ? ""
+                      : *token.endsAt <= now ? ", which has ended on "
+                                             : ", until ")
+                  << (token.endsAt ? dateOf(*token.endsAt) : "");
     for (const AccountInvitation& one : account.invitations)
         if (one.endsAt > now) std::cout << "\n  an invitation that was not used yet";
     std::cout << "\n";
@@ -230,11 +273,14 @@ void print(const UserName& name, const Account& account, std::int64_t now) {
 
 Json jsonOf(const UserName& name, const Account& account) {
     Json tokens = Json::array(), projects = Json::object();
-    for (const AccountToken& token : account.tokens)
+    for (const AccountToken& token : account.tokens) {
         tokens.push_back({{"id", token.id}, {"madeAt", token.madeAt}});
+        if (token.endsAt) tokens.back()["endsAt"] = *token.endsAt;
+    }
     for (const auto& [project, role] : account.projects) projects[project] = nameOf(role);
     return {{"user", name.value},
             {"role", nameOf(account.role)},
+            {"service", account.isService},
             {"projects", projects},
             {"tokens", tokens}};
 }
@@ -266,6 +312,13 @@ public:
         role(
             added.add_option("--role", words_.role, "What the user may do")->default_str("editor"));
         at(added);
+        auto* service = added.add_flag("--service", words_.isService,
+                                       "For a program: print a token in place of an invitation");
+        expires(added)->needs(service);
+        CLI::App& made = verb("token", "Print another token of a service account", makeToken);
+        user(made);
+        at(made);
+        expires(made);
         CLI::App& invited =
             verb("invite", "Print another invitation, for one more machine", invite);
         user(invited);
@@ -301,6 +354,16 @@ private:
             ->check(CLI::IsMember(std::vector<std::string>(kRoleNames.begin(), kRoleNames.end()))
                         .description(""))
             ->type_name("ROLE");
+    }
+    CLI::Option* expires(CLI::App& app) {
+        constexpr std::int64_t kMinute = 60, kHour = 60 * kMinute, kDay = 24 * kHour;
+        const std::map<std::string, std::int64_t> units{{"m", kMinute}, {"h", kHour}, {"d", kDay}};
+        return app
+            .add_option("--expires", words_.expiresIn,
+                        "When the token ends, for example 90d or 12h;\ndefault: when it is revoked")
+            ->transform(CLI::AsNumberWithUnit(units, CLI::AsNumberWithUnit::UNIT_REQUIRED, ""))
+            ->check(CLI::Range(std::int64_t(1), 3'650 * kDay).description(""))
+            ->type_name("TIME");
     }
     void at(CLI::App& app) {
         app.add_option("--at", words_.url,

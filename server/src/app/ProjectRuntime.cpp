@@ -224,7 +224,7 @@ void ProjectRuntime::opened(SessionId session, const std::optional<SignedIn>& us
         return transports_.of(session).close(
             session, Error{ErrorCode::SignInRequired,
                            "the access of " + present->user.value + " to this project was ended"});
-    const bool willEnd = present && present->issued;
+    const bool willEnd = present && present->end();
     project->connected(session, std::move(present));
     if (willEnd && !std::exchange(watchesSignIns_, true)) endSignInsIn(kSignInsPause);
 }

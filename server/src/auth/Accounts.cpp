@@ -75,10 +75,16 @@ Account accountIn(const Json& json, const std::string& where) {
         for (const auto& [project, role] : projects->items())
             account.projects[project] = roleIn(role, where + " in " + project);
     }
+    if (const auto service = json.find("service"); service != json.end()) {
+        if (!service->is_boolean()) throw Wrong{"\"service\" of " + where + " is no true or false"};
+        account.isService = service->get<bool>();
+    }
     for (const Json& token : listIn(json, "tokens", where)) {
         const Hash hash = hashIn(token, "a token of " + where);
         account.tokens.push_back(
             {idOf(hash), hash, timeIn(token, "madeAt", "a token of " + where)});
+        if (token.contains("endsAt"))
+            account.tokens.back().endsAt = timeIn(token, "endsAt", "a token of " + where);
     }
     for (const Json& one : listIn(json, "invitations", where))
         account.invitations.push_back({hashIn(one, "an invitation of " + where),
@@ -90,8 +96,11 @@ Json jsonOf(const Account& account) {
     Json json{
         {"role", nameOf(account.role)}, {"tokens", Json::array()}, {"invitations", Json::array()}};
     for (const auto& [project, role] : account.projects) json["projects"][project] = nameOf(role);
-    for (const AccountToken& token : account.tokens)
+    if (account.isService) json["service"] = true;
+    for (const AccountToken& token : account.tokens) {
         json["tokens"].push_back({{"hash", token.hash.hex()}, {"madeAt", token.madeAt}});
+        if (token.endsAt) json["tokens"].back()["endsAt"] = *token.endsAt;
+    }
     for (const AccountInvitation& one : account.invitations)
         json["invitations"].push_back({{"hash", one.hash.hex()}, {"endsAt", one.endsAt}});
     return json;
@@ -157,7 +166,7 @@ std::optional<Accounts::Proved> Accounts::find(std::string_view token) const {
     const Hash hash = hashOfSecret(token);
     for (const auto& [name, account] : users_)
         for (const AccountToken& one : account.tokens)
-            if (one.hash == hash) return Proved{name, one.id};
+            if (one.hash == hash) return Proved{name, one.id, one.endsAt};
     return std::nullopt;
 }
 
@@ -187,7 +196,7 @@ Result<Account*> Accounts::named(const UserName& user) {
                                                 "add` adds one");
 }
 
-Result<void> Accounts::add(const UserName& user, Role role) {
+Result<void> Accounts::add(const UserName& user, Role role, bool isService) {
     if (auto valid = checkUserName(user.value); !valid) return valid;
     if (users_.contains(user))
         return fail(ErrorCode::InvalidArgument,
@@ -195,6 +204,7 @@ Result<void> Accounts::add(const UserName& user, Role role) {
                         " already; `usdlive user invite` makes another invitation, `usdlive user "
                         "role` changes the role");
     users_[user].role = role;
+    users_[user].isService = isService;
     return {};
 }
 
@@ -214,11 +224,41 @@ Result<void> Accounts::setRole(const UserName& user, Role role, const std::strin
 Result<std::string> Accounts::invite(const UserName& user, std::int64_t now) {
     auto found = named(user);
     if (!found) return tl::unexpected(found.error());
+    if ((*found)->isService)
+        return fail(ErrorCode::InvalidArgument,
+                    inQuotes(user.value) +
+                        " is a service account, with which nobody joins; `usdlive user token` "
+                        "prints a token for a program");
     auto& invitations = (*found)->invitations;
     std::erase_if(invitations, [&](const auto& one) { return one.endsAt <= now; });
     const std::string code = newSecret();
     invitations.push_back({hashOfSecret(code), now + kInvitationSeconds});
     return code;
+}
+
+Result<std::string> Accounts::addToken(const UserName& user, Account& account, std::int64_t now,
+                                       std::optional<std::int64_t> endsAt) {
+    if (account.tokens.size() >= kMostTokens)
+        return fail(ErrorCode::InvalidArgument,
+                    user.value + " has " + std::to_string(kMostTokens) +
+                        " tokens, which is the limit; `usdlive user revoke` removes one");
+    std::string token = newSecret();
+    const Hash hash = hashOfSecret(token);
+    account.tokens.push_back({idOf(hash), hash, now, endsAt});
+    return token;
+}
+
+Result<std::string> Accounts::makeToken(const UserName& user, std::int64_t now,
+                                        std::optional<std::int64_t> endsAt) {
+    auto found = named(user);
+    if (!found) return tl::unexpected(found.error());
+    if (!(*found)->isService)
+        return fail(
+            ErrorCode::InvalidArgument,
+            inQuotes(user.value) + " is no service account; `usdlive user invite` lets them join");
+    std::erase_if((*found)->tokens,
+                  [&](const AccountToken& one) { return one.endsAt && *one.endsAt <= now; });
+    return addToken(user, **found, now, endsAt);
 }
 
 Result<Accounts::Joined> Accounts::join(std::string_view code, std::int64_t now) {
@@ -227,15 +267,10 @@ Result<Accounts::Joined> Accounts::join(std::string_view code, std::int64_t now)
         const auto found = std::ranges::find(account.invitations, hash, &AccountInvitation::hash);
         if (found == account.invitations.end()) continue;
         if (found->endsAt <= now) break;
-        if (account.tokens.size() >= kMostTokens)
-            return fail(ErrorCode::InvalidArgument,
-                        name.value + " has " + std::to_string(kMostTokens) +
-                            " tokens, which is the limit; `usdlive user revoke` removes one");
+        auto token = addToken(name, account, now, std::nullopt);
+        if (!token) return tl::unexpected(token.error());
         account.invitations.erase(found);
-        Joined joined{name, newSecret()};
-        const Hash token = hashOfSecret(joined.token);
-        account.tokens.push_back({idOf(token), token, now});
-        return joined;
+        return Joined{name, *std::move(token)};
     }
     return fail(ErrorCode::SignInRequired,
                 "the invitation was used already, or is older than a day; ask for another one "

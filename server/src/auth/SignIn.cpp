@@ -52,7 +52,9 @@ tl::expected<SignedIn, Stranger> SignIn::find(std::string_view authorization,
     if (owner_ && owner_->is(token)) return SignedIn{{}, Role::Admin, kOwner};
     const auto proved = accounts_->find(token);
     if (!proved) return tl::unexpected(Stranger{Why::UnknownToken});
-    return SignedIn{proved->user, Role::None, proved->token};
+    if (proved->endsAt && now >= *proved->endsAt)
+        return tl::unexpected(Stranger{Why::EndedToken, {}, proved->user});
+    return SignedIn{proved->user, Role::None, proved->token, {}, proved->endsAt};
 }
 
 tl::expected<SignedIn, Stranger> SignIn::findIssued(std::string_view token,
@@ -61,7 +63,10 @@ tl::expected<SignedIn, Stranger> SignIn::findIssued(std::string_view token,
     if (!keys_) return tl::unexpected(Stranger{Why::NoKeys});
     auto checked = checkIssuedToken(token, *keys_, issuer_->rules, now);
     if (!checked) return tl::unexpected(Stranger{Why::IssuedToken, checked.error()});
-    if (issuer_->role == Role::None && !accounts_->users().contains(checked->user))
+    const auto account = accounts_->users().find(checked->user);
+    if (account != accounts_->users().end() && account->second.isService)
+        return tl::unexpected(Stranger{Why::IsService, {}, std::move(checked->user)});
+    if (issuer_->role == Role::None && account == accounts_->users().end())
         return tl::unexpected(Stranger{Why::NoRole, {}, std::move(checked->user)});
     return SignedIn{std::move(checked->user), Role::None, idOfIssued(token),
                     IssuedSignIn{std::move(checked->groups), checked->endsAt, issuer_->role}};

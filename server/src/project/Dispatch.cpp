@@ -47,16 +47,20 @@ bool Project::Impl::endSignIns(std::int64_t now) {
     bool willEnd = false;
     for (auto& [id, session] : sessions_.all()) {
         const auto& proof = session.subject.proof;
-        if (!proof || !proof->issued || session.isClosing()) continue;
-        if (now < proof->issued->endsAt) {
+        const auto end = proof ? proof->end() : std::nullopt;
+        if (!end || session.isClosing()) continue;
+        if (now < *end) {
             willEnd = true;
             continue;
         }
         activity_->record({"sign-in ended", proof->user, {}, {}});
+        const char* const next = proof->issued
+                                     ? " has ended. It is renewed when the program connects again; "
+                                       "if that fails, run `usdlive login HOST:PORT`"
+                                     : " has ended. `usdlive user token` prints another one";
         sessions_.close(session, {ErrorCode::SignInRequired,
-                                  "the sign-in of " + proof->user.value +
-                                      " has ended. It is renewed when the program connects again; "
-                                      "if that fails, run `usdlive login HOST:PORT`"});
+                                  (proof->issued ? "the sign-in of " : "the token of ") +
+                                      proof->user.value + next});
     }
     return willEnd;
 }

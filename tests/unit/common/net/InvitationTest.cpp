@@ -36,5 +36,25 @@ TEST(Invitation, DamageIsNamedWithoutTheCode) {
     }
 }
 
+TEST(Invitation, AC12ATokenNamesItsAccountAndItsServer) {
+    for (const ServiceToken& one :
+         {ServiceToken{"farm", {"studio", 7447, kCode, false, ""}},
+          ServiceToken{"farm@studio.example", {"::1", 1, kCode, true, kPin}}}) {
+        const auto read = parseServiceToken(" " + one.text() + "\n");
+        ASSERT_TRUE(read) << read.error().message;
+        EXPECT_EQ(*read, one);
+        EXPECT_FALSE(isInvitation(one.text()));
+    }
+    for (const std::string& text :
+         {"usdlive-token://h:1/" + kCode, "usdlive-token://@h:1/" + kCode,
+          "usdlive-token://a@h/" + kCode, "usdlive-token://a@h:1/" + kCode.substr(1),
+          "usdlive-invitation://a@h:1/" + kCode, kCode}) {
+        const auto read = parseServiceToken(text);
+        ASSERT_FALSE(read) << text;
+        EXPECT_EQ(read.error().message.find(kCode.substr(1)), std::string::npos);
+        EXPECT_NE(read.error().message.find("the token is damaged"), std::string::npos);
+    }
+}
+
 }  // namespace
 }  // namespace usdlive

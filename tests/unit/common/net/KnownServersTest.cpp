@@ -4,8 +4,11 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <cstdlib>
 #include <fstream>
 #include <thread>
+
+#include "usdlive/common/net/Invitation.h"
 
 using namespace usdlive;
 namespace fs = std::filesystem;
@@ -40,6 +43,54 @@ TEST_F(KnownServersTest, AnUpdateKeepsTheRest) {
     KnownServer expected = ada_;
     expected.pin = "sha256:11";
     EXPECT_EQ(known_.find("host", 1)->value(), expected);
+}
+
+/// Sets a variable of the environment until its end.
+class SetVariable {
+public:
+    SetVariable(const char* name, const std::string& value) : name_(name) {
+        ::setenv(name, value.c_str(), 1);
+    }
+    ~SetVariable() { ::unsetenv(name_); }
+    SetVariable(const SetVariable&) = delete;
+    SetVariable& operator=(const SetVariable&) = delete;
+
+private:
+    const char* name_;
+};
+
+TEST_F(KnownServersTest, AC12AGivenTokenIsForItsServerOnly) {
+    ASSERT_TRUE(known_.keep("host", 1, ada_));
+    ASSERT_TRUE(known_.keep("host", 2, ada_));
+    const std::string code(64, 'a');
+    const std::string token = ServiceToken{"farm", {"host", 1, code, false, ""}}.text();
+    const KnownServer farm{"farm", code, ada_.pin, true};
+    {
+        const SetVariable given("USDLIVE_TOKEN", token);
+        EXPECT_EQ(known_.find("HOST", 1)->value(), farm);
+        EXPECT_EQ(known_.find("host", 2)->value(), ada_);
+        EXPECT_FALSE(known_.find("other", 1)->has_value());
+        EXPECT_EQ(known_.authorization("host", 1, true).value(), "Bearer " + code);
+        EXPECT_FALSE(known_.authorization("host", 1, false).value()) << "it is an encrypted server";
+        EXPECT_EQ(KnownServers("").find("host", 1)->value().token, code);
+    }
+    EXPECT_EQ(known_.find("host", 1)->value(), ada_);
+    const fs::path file = folder_ / "token";
+    std::ofstream(file) << token << "\n";
+    const SetVariable given("USDLIVE_TOKEN_FILE", file.string());
+    fs::permissions(file, fs::perms(0644));
+    const auto open = known_.find("host", 1);
+    ASSERT_FALSE(open);
+    EXPECT_NE(open.error().message.find("chmod 600 " + file.string()), std::string::npos);
+    fs::permissions(file, fs::perms(0600));
+    EXPECT_EQ(known_.find("host", 1)->value(), farm);
+    std::ofstream(file) << code;
+    const auto damaged = known_.find("host", 1);
+    ASSERT_FALSE(damaged);
+    EXPECT_EQ(damaged.error().message.find(code), std::string::npos);
+    EXPECT_NE(damaged.error().message.find("USDLIVE_TOKEN_FILE"), std::string::npos);
+    fs::remove(file);
+    EXPECT_FALSE(known_.find("host", 1));
 }
 
 TEST_F(KnownServersTest, OnlyThisUserCanReadTheFile) {

@@ -170,5 +170,30 @@ TEST_F(AccountsFileTest, AC5RefusalsSlowDownAnAddress) {
     EXPECT_EQ(signIn.refusals(), 25u);
 }
 
+TEST(Accounts, AC12AServiceAccountHasTokensAndNoInvitations) {
+    Accounts accounts;
+    ASSERT_TRUE(accounts.add({"farm"}, Role::Viewer, true));
+    ASSERT_TRUE(accounts.add(kAnn, Role::Editor));
+    EXPECT_FALSE(accounts.invite({"farm"}, 100));
+    EXPECT_FALSE(accounts.makeToken(kAnn, 100, {}));
+    const auto forever = accounts.makeToken({"farm"}, 100, {});
+    const auto ends = accounts.makeToken({"farm"}, 100, 200);
+    ASSERT_TRUE(forever && ends);
+    EXPECT_FALSE(accounts.find(*forever)->endsAt);
+    const auto again = Accounts::parse(accounts.text());
+    ASSERT_TRUE(again) << again.error().message;
+    EXPECT_EQ(again->text(), accounts.text());
+    EXPECT_TRUE(again->users().at({"farm"}).isService);
+    EXPECT_EQ(again->find(*ends)->endsAt, 200);
+    EXPECT_FALSE(again->users().at(kAnn).isService);
+    // A new token takes the place of those that have ended.
+    ASSERT_TRUE(accounts.makeToken({"farm"}, 200, {}));
+    EXPECT_EQ(accounts.users().at({"farm"}).tokens.size(), 2u);
+    EXPECT_FALSE(accounts.find(*ends));
+    EXPECT_TRUE(accounts.find(*forever));
+    ASSERT_TRUE(accounts.revoke(accounts.find(*forever)->token));
+    EXPECT_FALSE(accounts.find(*forever));
+}
+
 }  // namespace
 }  // namespace usdlive::server

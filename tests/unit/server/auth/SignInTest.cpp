@@ -84,6 +84,26 @@ TEST_F(SignInTest, AC20AnIssuerAsksUsersToSignIn) {
     EXPECT_EQ(stranger(signIn, token("eve"))->why, Why::NoKeys);
 }
 
+TEST_F(SignInTest, AC12TheTokenOfAServiceAccountEnds) {
+    std::string own;
+    ASSERT_TRUE(AccountsFile(folder_).change([&](Accounts& accounts) {
+        EXPECT_TRUE(accounts.add({"farm"}, Role::Viewer, true));
+        return accounts.makeToken({"farm"}, kToday, kToday + 60).map([&](std::string made) {
+            own = std::move(made);
+        });
+    }));
+    SignIn signIn(folder_, issuer(Role::Viewer));
+    ASSERT_TRUE(signIn.start());
+    giveKeys(signIn);
+    const auto at = [&](std::int64_t now) { return signIn.find("Bearer " + own, now); };
+    ASSERT_TRUE(at(kToday + 59));
+    EXPECT_EQ(at(kToday + 59)->end(), kToday + 60);
+    ASSERT_FALSE(at(kToday + 60));
+    EXPECT_EQ(at(kToday + 60).error().why, Why::EndedToken);
+    // Nobody signs in at the issuer as a program.
+    EXPECT_EQ(stranger(signIn, token("farm"))->why, Why::IsService);
+}
+
 TEST_F(SignInTest, AC20WithoutAnIssuerAJwtIsAnUnknownToken) {
     (void)addAnn(Role::Editor);
     SignIn signIn(folder_);

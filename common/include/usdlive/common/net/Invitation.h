@@ -1,4 +1,4 @@
-// The text with which a person joins a server.
+// The texts with which persons join a server, and programs sign in.
 #pragma once
 
 #include <cstdint>
@@ -27,5 +27,18 @@ struct Invitation {
 /// Parses the result of text(), with space around it. Error: InvalidArgument. It does not show the
 /// code.
 [[nodiscard]] Result<Invitation> parseInvitation(std::string_view text);
+
+/// The token of a service account (AC12), with the server to which alone it is sent. Its text is
+/// that of an invitation with the name of the account: `usdlive-token://NAME@HOST:PORT/TOKEN`.
+struct ServiceToken {
+    std::string user;
+    Invitation place;  ///< its code is the token
+
+    bool operator==(const ServiceToken&) const = default;
+    [[nodiscard]] std::string text() const;
+};
+/// Parses the result of text(), with space around it. Error: InvalidArgument. It does not show the
+/// token.
+[[nodiscard]] Result<ServiceToken> parseServiceToken(std::string_view text);
 
 }  // namespace usdlive

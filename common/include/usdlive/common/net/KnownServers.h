@@ -58,6 +58,9 @@ public:
     /// An empty folder knows no server and cannot keep one.
     explicit KnownServers(std::filesystem::path folder = folderOfUser());
 
+    /// Returns what is known about a server. The token of a service account for this server comes
+    /// before the one in the file: it is the value of the environment variable USDLIVE_TOKEN, or
+    /// the content of the file that USDLIVE_TOKEN_FILE names (AC12).
     [[nodiscard]] Result<std::optional<KnownServer>> find(const std::string& host,
                                                           std::uint16_t port) const;
     /// Replaces what is known about a server.
@@ -87,6 +90,9 @@ public:
                                                                    bool isEncrypted) const;
 
 private:
+    [[nodiscard]] Result<std::optional<KnownServer>> kept(const std::string& host,
+                                                          std::uint16_t port) const;
+
     std::filesystem::path folder_;
 };
 

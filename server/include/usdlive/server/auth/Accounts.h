@@ -28,7 +28,8 @@ namespace usdlive::server {
 struct AccountToken {
     std::string id;  ///< the first 8 digits of the hash; for people and logs
     Hash hash;
-    std::int64_t madeAt = 0;  ///< seconds since 1970
+    std::int64_t madeAt = 0;                  ///< seconds since 1970
+    std::optional<std::int64_t> endsAt = {};  ///< nothing: it works until it is revoked
 };
 
 /// A code that is exchanged for a token once.
@@ -42,6 +43,8 @@ struct Account {
     std::map<std::string, Role> projects;  ///< by name
     std::vector<AccountToken> tokens;
     std::vector<AccountInvitation> invitations;
+    /// True for a program (AC12): it gets tokens and no invitations.
+    bool isService = false;
 };
 
 /// The accounts of a server, a value.
@@ -61,8 +64,9 @@ public:
     struct Proved {
         UserName user;
         std::string token;  ///< the id
+        std::optional<std::int64_t> endsAt = {};
     };
-    /// Returns whose token it is.
+    /// Returns whose token it is, also if it has ended.
     [[nodiscard]] std::optional<Proved> find(std::string_view token) const;
     /// Returns the role of a user in a project; nothing if there is no such user.
     [[nodiscard]] std::optional<Role> roleOf(const UserName& user,
@@ -73,7 +77,7 @@ public:
 
     // Errors of all changes: InvalidArgument names the user or the token.
 
-    [[nodiscard]] Result<void> add(const UserName& user, Role role);
+    [[nodiscard]] Result<void> add(const UserName& user, Role role, bool isService = false);
     [[nodiscard]] Result<void> remove(const UserName& user);
     /// Sets the role in one project, or in all others if `project` is empty.
     [[nodiscard]] Result<void> setRole(const UserName& user, Role role, const std::string& project);
@@ -85,6 +89,9 @@ public:
     };
     /// Exchanges the code of an invitation for a token. The code is used up by that.
     [[nodiscard]] Result<Joined> join(std::string_view code, std::int64_t now);
+    /// Returns a new token of a service account, with its end or without.
+    [[nodiscard]] Result<std::string> makeToken(const UserName& user, std::int64_t now,
+                                                std::optional<std::int64_t> endsAt);
     /// Removes the token with this id, and returns whose it was.
     [[nodiscard]] Result<UserName> revoke(std::string_view token);
 
@@ -92,6 +99,10 @@ private:
     friend class AccountsFile;
 
     [[nodiscard]] Result<Account*> named(const UserName& user);
+    /// Adds a token, and returns it.
+    [[nodiscard]] static Result<std::string> addToken(const UserName& user, Account& account,
+                                                      std::int64_t now,
+                                                      std::optional<std::int64_t> endsAt);
 
     std::uint64_t version_ = 0;
     std::map<UserName, Account> users_;

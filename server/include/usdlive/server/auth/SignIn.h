@@ -25,6 +25,8 @@ struct Stranger {
         UnknownToken,
         IssuedToken,  ///< `problem` says what is wrong with a token of the issuer
         NoKeys,       ///< the keys of the issuer are not known
+        EndedToken,   ///< the token of the service account `user` has ended (AC12)
+        IsService,    ///< the issuer signs somebody in under the name of a service account
         NoRole,       ///< `user` was proved, and has neither an account nor a role
     };
     Why why = Why::NoToken;

@@ -28,6 +28,12 @@ struct SignedIn {
     Role role = Role::None;
     std::string token;                        ///< the id of the token that proved it, not the token
     std::optional<IssuedSignIn> issued = {};  ///< nothing for a token of this server
+    std::optional<std::int64_t> endsAt = {};  ///< the end of such a token (AC12)
+
+    /// Returns when the token ends, in seconds since 1970; nothing: when it is revoked.
+    [[nodiscard]] std::optional<std::int64_t> end() const {
+        return issued ? std::optional(issued->endsAt) : endsAt;
+    }
 };
 
 /// The user of a session and what they may do.
