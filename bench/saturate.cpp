@@ -3,6 +3,7 @@
 //   --durability=sync,os  --fields=1000,100000,1000000  --edits=1  --window=256  --clients=10
 //   --seconds=5  --transport=websocket,tls
 //   --plain: without compact frames
+//   --rules=none,others,own: with access rules, see FanoutConfiguration
 //
 // 4 writers write as fast as they are acknowledged, each with `window` unacknowledged transactions.
 // The ceiling is a bare Beast relay, which joins the messages of one turn of its event loop and
@@ -24,6 +25,7 @@ int main(int argc, char** argv) {
         Arguments arguments(argc, argv);
         std::istringstream durabilities(arguments.text("--durability", "sync,os"));
         const auto transports = arguments.text("--transport", "websocket");
+        const auto rules = arguments.text("--rules", "none");
         const auto fields = arguments.numbers("--fields", {1000});
         FanoutConfiguration configuration;
         configuration.clients = arguments.number("--clients", 10);
@@ -36,8 +38,11 @@ int main(int argc, char** argv) {
             for (const int count : fields) {
                 configuration.fields = count;
                 std::istringstream each(transports);
-                while (std::getline(each, configuration.transport, ','))
-                    measureFanout("saturate", configuration);
+                while (std::getline(each, configuration.transport, ',')) {
+                    std::istringstream all(rules);
+                    while (std::getline(all, configuration.rules, ','))
+                        measureFanout("saturate", configuration);
+                }
             }
     });
 }

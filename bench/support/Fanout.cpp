@@ -4,6 +4,7 @@
 #include <fcntl.h>
 #include <unistd.h>
 
+#include <fstream>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <random>
@@ -44,11 +45,28 @@ dds::DomainSettings ddsSettings() {
     return settings;
 }
 
+void writeRules(const std::filesystem::path& folder, const std::string& whose) {
+    if (whose == "none") return;
+    if (whose != "others" && whose != "own")
+        throw std::runtime_error("--rules is none of none, others, own: " + whose);
+    constexpr int kRules = 20;
+    auto rules = nlohmann::json::array();
+    for (int rule = 0; rule < kRules; ++rule) {
+        const std::string number = std::to_string(rule);
+        rules.push_back({{"effect", "deny"}, {"paths", {"/Elsewhere" + number + "/**"}}});
+        if (whose == "others") rules.back()["users"] = {"somebody" + number};
+    }
+    std::filesystem::create_directories(folder / ".usdlive");
+    std::ofstream(folder / ".usdlive" / "access.json")
+        << nlohmann::json{{"format", 1}, {"rules", rules}};
+}
+
 LoadFigures measureServer(const FanoutConfiguration& configuration, const LoadPlan& plan,
                           const Cores& cores, const std::filesystem::path& folder) {
     writeLayer(folder, configuration.fields);
     // Imports the layer first, so that the measured server finds it in its store.
     joinElsewhere(ServerProcess(folder, {"--min-free-mib=1"}, {}).url());
+    writeRules(folder, configuration.rules);
     std::vector<std::string> options{
         "--flush-interval-ms=" + std::to_string(configuration.flushIntervalMs),
         "--durability=" + configuration.durability, "--min-free-mib=1"};
@@ -113,6 +131,7 @@ void measureFanout(const char* name, const FanoutConfiguration& configuration) {
     nlohmann::ordered_json line{
         {"bench", name},
         {"transport", configuration.transport},
+        {"rules", configuration.rules},
         {"clients", configuration.clients},
         {"edits", configuration.edits},
         {"deliveredPerSec", perSecond(real)},

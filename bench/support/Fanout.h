@@ -15,7 +15,10 @@ struct FanoutConfiguration {
     int flushIntervalMs = 0;
     std::string durability = "sync";
     std::string transport = "websocket";  ///< or "tls", or "dds", on loopback
-    bool compact = true;                  ///< with compact frames (FR9); not over DDS
+    /// Access rules: "none", "others" (20 that do not concern the writers) or "own" (20 that do,
+    /// for other prims than those that they edit).
+    std::string rules = "none";
+    bool compact = true;  ///< with compact frames (FR9); not over DDS
 };
 /// Measures the real server, then its ceiling, and prints both as one JSON line.
 void measureFanout(const char* name, const FanoutConfiguration& configuration);
