@@ -127,9 +127,9 @@ private:
             number(report.writtenAgain), number(report.moves), number(report.movesOfSeveral),
             number(report.refusedMoves), number(report.writes), number(report.carried),
             number(report.otherHistories), number(report.joinsOfOther), number(report.regained),
-            number(report.policies), number(report.forbidden),
-            number(report.undos), number(report.redos), number(report.kept),
-            number(report.undosChecked), number(report.reverted), number(report.stayed),
+            number(report.policies), number(report.forbidden), number(report.undos),
+            number(report.redos), number(report.kept), number(report.undosChecked),
+            number(report.reverted), number(report.stayed),
             report.failure.empty() ? "" : ", FAILED");
     }
 
