@@ -18,6 +18,11 @@ void checkInvitation(std::string_view text) {
     require(parseInvitation(invitation->text()) == *invitation, "an invitation is its text");
 }
 
+void checkServiceToken(std::string_view text) {
+    const auto token = parseServiceToken(text);
+    if (token) require(parseServiceToken(token->text()) == *token, "a token is its text");
+}
+
 void checkAccounts(std::string_view text) {
     const auto accounts = server::Accounts::parse(text);
     if (!accounts) return require(!accounts.error().message.empty(), "a refusal has a reason");
@@ -39,6 +44,15 @@ void checkRules(std::string_view text, std::string_view path) {
         const auto decision = rules->decide(question);
         require(role != Role::Admin || decision.isAllowed, "nothing is taken from administrators");
         require(role != Role::None || !decision.isAllowed, "no rule lets a stranger in");
+        for (std::size_t index = 0; index < kProjectActionNames.size(); ++index) {
+            const auto action = ProjectAction(index);
+            const auto done =
+                rules->decide(AccessRules::ActionQuestion{user, role, action, layer});
+            require(role != Role::Admin || done.isAllowed, "nothing is taken from administrators");
+            require(role != Role::None || !done.isAllowed, "no rule lets a stranger act");
+            require(done.rule || done.isAllowed == (role >= roleFor(action)),
+                    "without a rule about it, the role decides");
+        }
         if (rules->concern(user, role)) continue;
         require(!decision.rule && decision.isAllowed == (role >= Role::Editor),
                 "without a rule for the user, the role decides");
@@ -54,6 +68,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     const std::string_view rest =
         first.size() < input.size() ? input.substr(first.size() + 1) : std::string_view();
     checkInvitation(input);
+    checkServiceToken(input);
     checkAccounts(input);
     checkRules(rest, first);
     const bool matches = matchesGlob(first, rest);
@@ -68,6 +83,7 @@ std::vector<Bytes> fuzz::seeds() {
         const std::string& text :
         {"usdlive-invitation://render:7447/" + code,
          "usdlive-invitation://[::1]:1/" + code + "?pin=sha256:" + code,
+         "usdlive-token://farm@render:7447/" + code + "?tls",
          R"({"format": 1, "version": 2, "users": {"ann": {"role": "editor", "projects": {"p": "none"},
               "tokens": [{"hash": ")" +
              code + R"(", "madeAt": 1}],
@@ -76,7 +92,8 @@ std::vector<Bytes> fuzz::seeds() {
          std::string("/World/Props\n"
                      R"({"format": 1, "rules": [{"effect": "deny", "users": ["ann"],
                       "roles": ["editor"], "layers": ["sets/**"], "paths": ["/World/**"],
-                      "kinds": ["namespace"]}, {"effect": "allow"}]})"),
+                      "kinds": ["namespace"]}, {"effect": "allow"},
+                      {"effect": "deny", "actions": ["save", "takeOver"]}]})"),
          std::string("/A/**/B*c?\n/A/x/y/Bbbcd")})
         all.emplace_back(text.begin(), text.end());
     return all;
