@@ -46,8 +46,7 @@ void checkRules(std::string_view text, std::string_view path) {
         require(role != Role::None || !decision.isAllowed, "no rule lets a stranger in");
         for (std::size_t index = 0; index < kProjectActionNames.size(); ++index) {
             const auto action = ProjectAction(index);
-            const auto done =
-                rules->decide(AccessRules::ActionQuestion{user, role, action, layer});
+            const auto done = rules->decide(AccessRules::ActionQuestion{user, role, action, layer});
             require(role != Role::Admin || done.isAllowed, "nothing is taken from administrators");
             require(role != Role::None || !done.isAllowed, "no rule lets a stranger act");
             require(done.rule || done.isAllowed == (role >= roleFor(action)),
