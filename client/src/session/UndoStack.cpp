@@ -687,7 +687,7 @@ public:
         if (isOthers(entry_->site->moved))
             return keepMoved("it was moved since", entry_->site->moved.author);
         const auto target = formerPath(moved.name);
-        if (!target) return;
+        if (!target) return noteStays(entry_->parent->goneBy);
         if (*target != path()) {
             const std::string from = path(), parent = entry_->parent->path;
             if (auto done = make(path(), MoveSpec{{parent, {}}, moved.name, moved.place}); !done)
@@ -725,9 +725,12 @@ private:
         kept_.push_back(
             {entry_->site->layer, std::move(at), field, part, author, reason(why, author)});
     }
-    // A spec that stays below a created one must not go with it.
     void keepMoved(const std::string& why, const UserName& author) {
         keep(why, author);
+        noteStays(author);
+    }
+    // A spec that stays below a created one must not go with it.
+    void noteStays(const UserName& author) {
         if (!isGone(path()))
             stack_.noteBelowCreated(entry_->site->layer, path(), specpath::parent(path()), author,
                                     direction_);

@@ -470,3 +470,16 @@ TEST_F(UndoTest, WhatOthersHaveWrittenInAMovedSpecStaysWhenItsFormerParentGoes) 
     commitOwn();
     EXPECT_TRUE(peer.editor.at(kShot).has("/C/D/F"));
 }
+
+TEST_F(UndoTest, AMovedSpecWhoseFormerParentIsGoneStaysWithItsNewParent) {
+    author({authored("/C", createPrim())});
+    commitOwn();
+    author({authored("/A.x", MoveSpec{{"/C", {}}, "x"})});
+    commitOwn();
+    othersWrite({edit("/A", DeleteSpec{})});
+    EXPECT_EQ(paths(undo()), Names{"/C.x "});
+    commitOwn();
+    EXPECT_EQ(paths(undo()), Names{"/C.x "});
+    commitOwn();
+    EXPECT_TRUE(peer.editor.at(kShot).has("/C.x"));
+}
