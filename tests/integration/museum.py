@@ -76,12 +76,14 @@ class Museum:
                     museum.most = max(museum.most, museum.atOnce)
                 try:
                     time.sleep(museum.delay)
-                    self.send(target, *museum.answer(target))
+                    answer = museum.answer(target)
+                finally:
+                    with museum._lock:  # before the answer: the client may ask again as soon as it has that
+                        museum.atOnce -= 1
+                try:
+                    self.send(target, *answer)
                 except (BrokenPipeError, ConnectionResetError):
                     self.close_connection = True
-                finally:
-                    with museum._lock:
-                        museum.atOnce -= 1
 
             def send(self, target, status, body):
                 etag = f'"{hash(body)}"' if museum.etags else None

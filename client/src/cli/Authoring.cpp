@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <functional>
 #include <optional>
+#include <string>
 #include <utility>
 
 #include "usdlive/common/core/ErrorPasses.h"
@@ -14,8 +15,15 @@ namespace {
 
 namespace event = client::event;
 
+std::string namesOf(const std::set<LayerId>& layers) {
+    std::string names;
+    for (const LayerId& layer : layers) names += (names.empty() ? "" : ", ") + layer.value;
+    return names;
+}
+
 // Works until `done` returns true, or something fails. Returns the revision of the last own commit.
-Result<Revision> runUntil(Link& link, const std::function<bool()>& done) {
+Result<Revision> runUntil(Link& link, const std::set<LayerId>& layers,
+                          const std::function<bool()>& done) {
     std::optional<Error> failed;
     Revision own = 0;
     const auto ran = link.run([&](const std::vector<client::Event>& events) {
@@ -29,7 +37,8 @@ Result<Revision> runUntil(Link& link, const std::function<bool()>& done) {
             const auto* error = std::get_if<event::ServerError>(&one);
             const ErrorCode code = error ? toError(error->message).code : ErrorCode::Internal;
             if (errorPasses(code))
-                failed = {code, "nothing was changed: " + std::string(errorText(code)) +
+                failed = {code, namesOf(layers) + (layers.size() == 1 ? " was" : " were") +
+                                    " not changed: " + std::string(errorText(code)) +
                                     " Try again later"};
         }
         return failed || done();
@@ -47,12 +56,14 @@ Result<void> joinLayers(Link& link, const std::set<LayerId>& layers) {
         return std::ranges::all_of(
             layers, [&](const LayerId& layer) { return link.session().isJoined(layer); });
     };
-    return runUntil(link, areJoined).map([](Revision) {});
+    return runUntil(link, layers, areJoined).map([](Revision) {});
 }
 
 Result<Revision> submitEdits(Link& link, std::vector<client::AuthoredEdit> edits) {
+    std::set<LayerId> layers;
+    for (const client::AuthoredEdit& edit : edits) layers.insert(edit.layer);
     link.session().author(std::move(edits));
-    return runUntil(link, [&] { return link.session().pendingTransactions() == 0; });
+    return runUntil(link, layers, [&] { return link.session().pendingTransactions() == 0; });
 }
 
 }  // namespace usdlive::cli

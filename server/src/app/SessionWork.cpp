@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <boost/asio/post.hpp>
 #include <ctime>
+#include <optional>
 #include <utility>
 
 #include "usdlive/common/core/ByteStream.h"
@@ -50,8 +51,11 @@ SessionWork::SessionWork(boost::asio::io_context& io, Calls calls)
 
 void SessionWork::received(SessionId session, ByteView message) {
     if (message.empty()) return calls_.handle(session, message);  // an error of the client
-    if (entries_.contains(session) ||
-        !turns_.mayGo(calls_.partyOf(session), calls_.store(), steady_clock::now()))
+    const bool waits = entries_.contains(session);
+    const Party party = calls_.partyOf(session);
+    // Nobody is known yet: whose hello it is must not be one of two because of it.
+    if (!waits && party.group.empty()) return calls_.handle(session, message);
+    if (waits || !turns_.mayGo(party, calls_.store(), steady_clock::now()))
         return keep(session, message);
     const std::size_t done = work(session, message);
     if (done < message.size()) keep(session, message.subspan(done));
@@ -97,19 +101,23 @@ void SessionWork::setReading(SessionId session) {
 void SessionWork::closed(SessionId session) {
     turns_.forget(session);
     entries_.erase(session);
+    if (working_ == session) working_.reset();
 }
 
-/// Handles frames until the turn ends. Returns the bytes of those that were handled.
+/// Handles frames until the turn or the session ends. Returns the bytes of those that need not be
+/// handled any more.
 std::size_t SessionWork::work(SessionId session, ByteView frames) {
     const Party party = calls_.partyOf(session);
     const auto begin = steady_clock::now();
     std::size_t done = 0;
     auto now = begin;
+    working_ = session;
     do {
         const std::size_t size = pieceOf(frames.subspan(done));
         calls_.handle(session, frames.subspan(done, size));
         done += size;
         now = steady_clock::now();
+        if (!working_) break;
         const auto entry = entries_.find(session);
         if (entry != entries_.end() && entry->second.isHeld) break;
     } while (done < frames.size() && now - begin < FairTurns::kTurn &&
@@ -117,7 +125,7 @@ std::size_t SessionWork::work(SessionId session, ByteView frames) {
     measure(now - begin, now);
     turns_.spent(party, std::chrono::duration_cast<FairTurns::Duration>((now - begin) * factor_),
                  now);
-    return done;
+    return std::exchange(working_, std::nullopt) ? done : frames.size();
 }
 
 /// Measures how much work of the thread follows from a moment of handling messages, while there is
@@ -136,7 +144,8 @@ void SessionWork::measure(FairTurns::Duration handled, FairTurns::Time now) {
 }
 
 void SessionWork::spent(SessionId session, FairTurns::Duration time) {
-    turns_.spent(calls_.partyOf(session), time, steady_clock::now());
+    const Party party = calls_.partyOf(session);
+    if (!party.group.empty()) turns_.spent(party, time, steady_clock::now());
 }
 
 // ---- turns

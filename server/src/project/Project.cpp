@@ -178,7 +178,7 @@ const ProjectCounters& Project::counters() const { return impl_->counters_; }
 std::size_t Project::sessionCount() const { return impl_->sessions_.clients(); }
 const Subject* Project::subjectOf(SessionId session) const {
     const Session* found = impl_->sessions_.find(session);
-    return found ? &found->subject : nullptr;
+    return found && found->isGreeted() ? &found->subject : nullptr;
 }
 const LayerDoc* Project::layer(const LayerId& layer) const { return impl_->line_.doc(layer); }
 

@@ -6,6 +6,7 @@
 #include <chrono>
 #include <functional>
 #include <map>
+#include <optional>
 
 #include "usdlive/common/core/Bytes.h"
 #include "usdlive/server/app/FairTurns.h"
@@ -25,6 +26,8 @@ public:
         /// Handles whole frames of the session. An exception drops the rest of the message.
         std::function<void(SessionId, ByteView frames)> handle;
         std::function<void(SessionId, bool reading)> setReading;
+        /// An empty group: the session has not said hello, or has ended. Its messages do not wait,
+        /// and are not counted.
         std::function<Party(SessionId)> partyOf;
         /// The commits that wait for the store.
         std::function<FairTurns::Store()> store;
@@ -67,6 +70,7 @@ private:
     const Calls calls_;
     FairTurns turns_;
     std::map<SessionId, Entry> entries_;
+    std::optional<SessionId> working_;  // its frames are handled now; nothing: it was closed then
     boost::asio::steady_timer timer_;
     bool isRunning_ = false;  // run() is posted
 

@@ -266,8 +266,7 @@ public:
     [[nodiscard]] Revision durableRevision() const;
     [[nodiscard]] const ProjectCounters& counters() const;
     [[nodiscard]] std::size_t sessionCount() const;
-    /// Returns whose session it is, as far as it is known before its hello; nullptr for an unknown
-    /// session.
+    /// Returns whose session it is; nullptr before its hello, and for an unknown session.
     [[nodiscard]] const Subject* subjectOf(SessionId session) const;
     /// Returns a loaded layer with all executed commits, durable or not; nullptr if it is not
     /// loaded.
