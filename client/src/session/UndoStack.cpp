@@ -48,9 +48,11 @@ struct UndoStack::Site : std::enable_shared_from_this<Site> {
     Change any, moved, placed;    // by others; any: all registers
     std::uint64_t createdIn = 0;  // the own transaction that has created it; 0: none
     std::uint64_t movedIn = 0;    // the last one that has moved it; 0: none
+    Revision createdSeen = 0;     // the newest commit that its author had seen then
     struct Below {
         SitePtr site;  // null: everything below
         UserName author;
+        Revision revision = 0;  // of the last write
         /// Set: others have not written it while it was below, but this direction has left it
         /// there.
         std::optional<Direction> keptBy = {};
@@ -313,6 +315,7 @@ std::optional<UndoStack::Entry> UndoStack::entryOf(Part& part, const LayerId& la
         if (isOwn) return std::nullopt;
         entry.site = site(layer, path);
         entry.site->createdIn = sequence;
+        entry.site->createdSeen = part.seen;
         created_ = Created{sequence, layer, path};
     } else if (const auto* deleted = std::get_if<DeletedSpec>(&inverse)) {
         noteParent(deleted->next);
@@ -331,6 +334,7 @@ std::optional<UndoStack::Entry> UndoStack::entryOf(Part& part, const LayerId& la
         if (isOwn && (staysOwn || entry.site->createdIn == sequence)) return std::nullopt;
         if (isOwn) {  // it has left what goes as a whole
             entry.site->createdIn = sequence;
+            entry.site->createdSeen = part.seen;
             inverse = CreatedSpec();
         } else {
             entry.site->movedIn = sequence;
@@ -550,10 +554,12 @@ void UndoStack::readOwn(Unread& one, const std::string& path) {
     Entry entry;
     entry.index = one.index;
     entry.site = site(one.edit.layer, path);
-    if (std::holds_alternative<CreatedSpec>(*one.inverse))
+    if (std::holds_alternative<CreatedSpec>(*one.inverse)) {
         entry.site->createdIn = part->sequence;
-    else if (!std::holds_alternative<WrittenRegister>(*one.inverse))
+        entry.site->createdSeen = part->seen;
+    } else if (!std::holds_alternative<WrittenRegister>(*one.inverse)) {
         return;
+    }
     entry.inverse = *std::move(one.inverse);
     insert(*part, std::move(entry));
 }
@@ -583,31 +589,37 @@ void UndoStack::readOthers(const Unread& one, const std::string& path) {
             [](const DeleteSpec&) {}};
         std::visit(note, one.edit.action);
     });
-    noteBelowCreated(layer, path, path, one.author, {});
+    noteBelowCreated(layer, path, path, one.author, one.revision, {});
 }
 
-// Notes for the created specs at `first` and above that `path` must not go with them, but not for
-// those that are also above `except`. A moved spec may return below a created one.
+// Notes for the created specs at `first` and above that `path` must not go with them. A moved spec
+// may return below a created one. If it has come from `except`, those above that are left out, and
+// those that were created, or restored, after the write.
 void UndoStack::noteBelowCreated(const LayerId& layer, const std::string& path,
                                  const std::string& first, const UserName& author,
-                                 std::optional<Direction> keptBy, const std::string& except) {
+                                 Revision revision, std::optional<Direction> keptBy,
+                                 const std::string& except) {
     std::vector<Site*> created;
     for (std::string above = first;
          above.size() > 1 && (except.empty() || !specpath::hasPrefix(except, above));
          above = specpath::parent(above))
         forEachAt(layer, above, [&](Site& at) {
-            if (at.createdIn != 0 || at.movedIn != 0) created.push_back(&at);
+            const bool isKnown = !except.empty() && at.createdSeen >= revision;
+            if ((at.createdIn != 0 && !isKnown) || at.movedIn != 0) created.push_back(&at);
         });
     if (created.empty()) return;
     const SitePtr written = site(layer, path);
     for (Site* at : created) {
-        const bool isKnown = std::ranges::any_of(at->below, [&](const Site::Below& one) {
+        const auto known = std::ranges::find_if(at->below, [&](const Site::Below& one) {
             return (!one.site || one.site == written) && (!one.keptBy || one.keptBy == keptBy);
         });
-        if (isKnown) continue;
+        if (known != at->below.end()) {
+            known->revision = std::max(known->revision, revision);
+            continue;
+        }
         // A spec does not own itself.
         const bool isAll = at->below.size() >= kMostOfSite || at == written.get();
-        at->below.push_back({isAll ? SitePtr() : written, author, keptBy});
+        at->below.push_back({isAll ? SitePtr() : written, author, revision, keptBy});
     }
 }
 
@@ -733,7 +745,7 @@ private:
     void noteStays(const UserName& author) {
         if (!isGone(path()))
             stack_.noteBelowCreated(entry_->site->layer, path(), specpath::parent(path()), author,
-                                    direction_);
+                                    entry_->site->moved.revision, direction_);
     }
 
     // The spec has come from `from`, and may be below a created one now that others have not
@@ -743,7 +755,8 @@ private:
         for (const Site::Below& below : std::vector(entry_->site->below))
             if (!below.keptBy || below.keptBy == direction_)
                 stack_.noteBelowCreated(entry_->site->layer, below.site ? below.site->path : path(),
-                                        specpath::parent(path()), below.author, direction_, from);
+                                        specpath::parent(path()), below.author, below.revision,
+                                        direction_, from);
     }
 
     bool hasOther(const WrittenRegister& written, const FieldPart& part, UserName& other) const {

@@ -141,8 +141,8 @@ private:
     void readOwn(Unread& one, const std::string& path);
     void readOthers(const Unread& one, const std::string& path);
     void noteBelowCreated(const LayerId& layer, const std::string& path, const std::string& first,
-                          const UserName& author, std::optional<Direction> keptBy,
-                          const std::string& except = {});
+                          const UserName& author, Revision revision,
+                          std::optional<Direction> keptBy, const std::string& except = {});
     void sweep();
     void bound();
 
