@@ -52,7 +52,7 @@ struct UndoStack::Site : std::enable_shared_from_this<Site> {
     struct Below {
         SitePtr site;  // null: everything below
         UserName author;
-        Revision revision = 0;  // of the last write
+        Revision revision = 0;  // the last write
         /// Set: others have not written it while it was below, but this direction has left it
         /// there.
         std::optional<Direction> keptBy = {};
