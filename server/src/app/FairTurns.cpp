@@ -25,24 +25,19 @@ void FairTurns::Use::add(Duration time, Time now) {
     at = now;
 }
 
-bool FairTurns::isAlone(const Group* group, const Account* account) const {
-    if (activeGroups_ == 0) return true;
-    return activeGroups_ == 1 && group && account && account->lastWork && group->active == 1;
-}
-
-bool FairTurns::isHeavy(const Group& group, const Account& account, Time now) const {
-    if (isAlone(&group, &account)) return false;
+bool FairTurns::isLight(const Group& group, const Account& account, Time now) const {
     const double parties = double(std::max<std::size_t>(activeGroups_, 1)) *
                            double(std::max<std::size_t>(group.active, 1));
-    return account.use.now(now) > nanoseconds(kMemory) * kLightLoad / parties;
+    return account.use.now(now) <= nanoseconds(kMemory) * kLightLoad / parties;
 }
 
-bool FairTurns::isHeavy(const Party& party, Time now) {
-    removeIdle(now);
-    const auto group = groups_.find(party.group);
-    if (group == groups_.end()) return false;
-    const auto account = group->second.accounts.find(party.name);
-    return account != group->second.accounts.end() && isHeavy(group->second, account->second, now);
+bool FairTurns::isSomebodyLight(Time now) const {
+    return std::ranges::any_of(groups_, [&](const auto& entry) {
+        const Group& group = entry.second;
+        return std::ranges::any_of(group.accounts, [&](const auto& one) {
+            return one.second.lastWork && isLight(group, one.second, now);
+        });
+    });
 }
 
 bool FairTurns::mayGo(const Party& party, Store store, Time now) {
@@ -53,8 +48,8 @@ bool FairTurns::mayGo(const Party& party, Store store, Time now) {
     const auto account = group->second.accounts.find(party.name);
     if (account == group->second.accounts.end()) return true;
     if (!account->second.waiting.empty()) return false;  // a turn of its other sessions
-    if (!isHeavy(group->second, account->second, now)) return true;
-    return sessions_.empty() && heavyMayGo(store, now);
+    if (isLight(group->second, account->second, now)) return true;
+    return sessions_.empty() && (heavyMayGo(store, now) || !isSomebodyLight(now));
 }
 
 void FairTurns::wait(SessionId session, const Party& party) {
@@ -72,14 +67,15 @@ void FairTurns::forget(SessionId session) {
 std::optional<SessionId> FairTurns::next(Store store, Time now) {
     removeIdle(now);
     if (sessions_.empty() || store == Store::Full) return std::nullopt;
+    const bool heavyWait = !heavyMayGo(store, now) && isSomebodyLight(now);
     Account* best = nullptr;
     std::tuple<bool, double, double> least;
     for (auto& [id, group] : groups_) {
         const double groupUse = group.use.now(now);
         for (auto& [name, account] : group.accounts) {
             if (account.waiting.empty()) continue;
-            const bool heavy = isHeavy(group, account, now);
-            if (heavy && !heavyMayGo(store, now)) continue;
+            const bool heavy = !isLight(group, account, now);
+            if (heavy && heavyWait) continue;
             const std::tuple use{heavy, groupUse, account.use.now(now)};
             if (best && use >= least) continue;
             best = &account;
@@ -106,7 +102,7 @@ void FairTurns::spent(const Party& party, Duration time, Time now) {
     group.use.add(time, now);
     account.use.add(time, now);
     removeIdle(now);
-    if (!isHeavy(group, account, now)) return;
+    if (isLight(group, account, now) || !isSomebodyLight(now)) return;
     const auto pause = Duration(std::int64_t(nanoseconds(time) * (1 / kHeavyLoad - 1)));
     heavyFrom_ = std::max(heavyFrom_, now + std::min(pause, kLongestPause));
 }

@@ -51,11 +51,8 @@ SessionWork::SessionWork(boost::asio::io_context& io, Calls calls)
 
 void SessionWork::received(SessionId session, ByteView message) {
     if (message.empty()) return calls_.handle(session, message);  // an error of the client
-    const bool waits = entries_.contains(session);
-    const Party party = calls_.partyOf(session);
-    // Nobody is known yet: whose hello it is must not be one of two because of it.
-    if (!waits && party.group.empty()) return calls_.handle(session, message);
-    if (waits || !turns_.mayGo(party, calls_.store(), steady_clock::now()))
+    if (entries_.contains(session) ||
+        !turns_.mayGo(calls_.partyOf(session), calls_.store(), steady_clock::now()))
         return keep(session, message);
     const std::size_t done = work(session, message);
     if (done < message.size()) keep(session, message.subspan(done));
@@ -123,8 +120,7 @@ std::size_t SessionWork::work(SessionId session, ByteView frames) {
     } while (done < frames.size() && now - begin < FairTurns::kTurn &&
              calls_.store() != FairTurns::Store::Full);
     measure(now - begin, now);
-    turns_.spent(party, std::chrono::duration_cast<FairTurns::Duration>((now - begin) * factor_),
-                 now);
+    spent(party, std::chrono::duration_cast<FairTurns::Duration>((now - begin) * factor_), now);
     return std::exchange(working_, std::nullopt) ? done : frames.size();
 }
 
@@ -144,8 +140,12 @@ void SessionWork::measure(FairTurns::Duration handled, FairTurns::Time now) {
 }
 
 void SessionWork::spent(SessionId session, FairTurns::Duration time) {
-    const Party party = calls_.partyOf(session);
-    if (!party.group.empty()) turns_.spent(party, time, steady_clock::now());
+    spent(calls_.partyOf(session), time, steady_clock::now());
+}
+
+/// A session of which nobody is known must not be a party beside its own user's.
+void SessionWork::spent(const Party& party, FairTurns::Duration time, FairTurns::Time now) {
+    if (!party.group.empty()) turns_.spent(party, time, now);
 }
 
 // ---- turns

@@ -119,6 +119,30 @@ TEST(FairTurns, SE23TheLightNeverWaitMoreThanOneTurnForTheHeavy) {
     EXPECT_LT(share, FairTurns::kLightLoad / 2 * 1.25);
 }
 
+TEST(FairTurns, SE23HeavyPartiesDoNotPauseForEachOther) {
+    Strand strand;
+    const Party another{"user farm", ""};
+    strand.add(1, kHeavyParty);
+    strand.add(2, another);
+    strand.arrive(1, FairTurns::kTurn, 20'000);
+    strand.arrive(2, FairTurns::kTurn, 20'000);
+    const auto begin = strand.now();
+    strand.runUntil(begin + 3s);
+    const auto used = strand.used(kHeavyParty) + strand.used(another);
+    EXPECT_GT(used, 0.98 * (strand.now() - begin));
+    EXPECT_NEAR(double(strand.used(another).count()) / double(used.count()), 0.5, 0.05);
+    // Now somebody who edits a little does not wait for them.
+    strand.add(3, kLight);
+    for (int count = 0; count < 100; ++count) {
+        strand.arrive(3, 100us);
+        strand.runUntil(strand.now() + 7ms);
+    }
+    for (const auto& done : strand.done)
+        if (done.session == 3) {
+            EXPECT_LE(done.wait, FairTurns::kTurn);
+        }
+}
+
 TEST(FairTurns, SE23FiftySessionsOfAUserHaveTheShareOfOne) {
     Strand strand;
     strand.add(1, kLight);
@@ -156,8 +180,8 @@ TEST(FairTurns, SE23TheHeavyWaitForTheStoreAndAllWaitForAFullOne) {
     const FairTurns::Time now(1s);
     turns.spent(kLight, 1us, now);
     turns.spent(kHeavyParty, 200ms, now);
-    EXPECT_TRUE(turns.isHeavy(kHeavyParty, now));
-    EXPECT_FALSE(turns.isHeavy(kLight, now));
+    EXPECT_FALSE(turns.mayGo(kHeavyParty, Store::Free, now));
+    EXPECT_TRUE(turns.mayGo(kLight, Store::Free, now));
     const auto later = now + FairTurns::kLongestPause;
     turns.wait(1, kHeavyParty);
     EXPECT_EQ(turns.next(Store::Busy, later), std::nullopt);

@@ -24,9 +24,9 @@ struct Party {
 ///
 /// A party is *light* while it uses less of the strand than kLightLoad divided by the number of
 /// active groups, and of active parties in its group. Work of a light party never waits for that of
-/// others. The other parties take turns: the one that has used the least is next. While somebody
-/// else is active, a pause follows each of their turns, so that together they use at most
-/// kHeavyLoad. With one active party nothing waits.
+/// others. The other, *heavy* parties take turns: the one that has used the least is next. While a
+/// light party is active, a pause follows each of their turns, so that together they use at most
+/// kHeavyLoad. Without one the strand never pauses while work waits.
 ///
 /// A plain value: the caller passes the time and measures the work. It does one turn at a time, of
 /// about kTurn.
@@ -48,7 +48,7 @@ public:
     /// The commits that wait for the store.
     enum class Store {
         Free,  ///< few enough that the next commit does not wait for them
-        Busy,  ///< more: heavy parties wait, unless they are alone
+        Busy,  ///< more: heavy parties wait while a light one is active
         Full   ///< everybody waits
     };
 
@@ -69,8 +69,6 @@ public:
 
     [[nodiscard]] bool isWaiting(SessionId session) const { return sessions_.contains(session); }
     [[nodiscard]] bool isEmpty() const { return sessions_.empty(); }
-    /// Returns whether the party uses more than its share while others are active.
-    [[nodiscard]] bool isHeavy(const Party& party, Time now);
 
 private:
     /// A use that is forgotten slowly, in nanoseconds.
@@ -92,8 +90,9 @@ private:
     };
 
     void removeIdle(Time now);
-    [[nodiscard]] bool isAlone(const Group* group, const Account* account) const;
-    [[nodiscard]] bool isHeavy(const Group& group, const Account& account, Time now) const;
+    [[nodiscard]] bool isLight(const Group& group, const Account& account, Time now) const;
+    /// Returns whether an active party is light.
+    [[nodiscard]] bool isSomebodyLight(Time now) const;
     [[nodiscard]] bool heavyMayGo(Store store, Time now) const {
         return store == Store::Free && now >= heavyFrom_;
     }

@@ -26,8 +26,7 @@ public:
         /// Handles whole frames of the session. An exception drops the rest of the message.
         std::function<void(SessionId, ByteView frames)> handle;
         std::function<void(SessionId, bool reading)> setReading;
-        /// An empty group: the session has not said hello, or has ended. Its messages do not wait,
-        /// and are not counted.
+        /// An empty group: the session has not said hello, or has ended. Its work is not counted.
         std::function<Party(SessionId)> partyOf;
         /// The commits that wait for the store.
         std::function<FairTurns::Store()> store;
@@ -58,6 +57,7 @@ private:
     };
 
     std::size_t work(SessionId session, ByteView frames);
+    void spent(const Party& party, FairTurns::Duration time, FairTurns::Time now);
     void keep(SessionId session, ByteView frames);
     void waitForTurn(SessionId session);
     void turnOf(SessionId session);
