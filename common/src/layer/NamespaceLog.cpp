@@ -156,7 +156,11 @@ void NamespaceLog::recordNaming(Revision revision, const LayerId& layer, const s
 bool NamespaceLog::forEachNaming(
     const LayerId& layer, Revision since, Author author,
     const std::function<void(std::string path, const std::string& field)>& visit) const {
-    if (below_) return below_->forEachNaming(layer, since, author, visit);
+    if (below_)
+        return below_->forEachNaming(layer, since, author, [&](std::string path, const auto& field) {
+            if (auto now = translateFrom(layer, std::move(path), first_))
+                visit(*std::move(now), field);
+        });
     const auto first = std::upper_bound(
         namings_.begin(), namings_.end(), since,
         [](Revision wanted, const Naming& naming) { return wanted < naming.revision; });

@@ -2,6 +2,8 @@
 #include <gtest/gtest.h>
 
 #include <array>
+#include <string>
+#include <vector>
 
 #include "RandomEdits.h"
 #include "usdlive/common/layer/AddressResolver.h"
@@ -162,6 +164,23 @@ TEST(NamespaceLog, ALogAboveAnotherFollowsIt) {
     EXPECT_EQ(predicted.translate(kMovedLayer, "/A", 0), std::nullopt);
     confirmed.prune(2);
     EXPECT_EQ(predicted.oldest(), 2u);
+}
+
+// M16: a prediction that has moved the spec corrects what others wrote to it at its present path.
+TEST(NamespaceLog, M16NamedSpecsFollowTheMovesOfALogAbove) {
+    NamespaceLog below;
+    below.recordNaming(1, kMovedLayer, "/A", "inheritPaths", 1);
+    below.recordNaming(1, kMovedLayer, "/B", "inheritPaths", 1);
+    below.recordMove(2, kMovedLayer, "/A", "/C");
+    NamespaceLog above(&below);
+    above.recordMove(3, kMovedLayer, "/C", "/D");
+    above.recordDelete(3, kMovedLayer, "/B");
+    std::vector<std::string> named;
+    const auto note = [&](std::string path, const std::string&) {
+        named.push_back(std::move(path));
+    };
+    EXPECT_TRUE(above.forEachNaming(kMovedLayer, 0, 2, note));
+    EXPECT_EQ(named, std::vector<std::string>{"/D"});
 }
 
 TEST(OwnCreations, M3ConfirmedCreationsPrecedePredictedOnes) {
