@@ -209,7 +209,8 @@ def test_clips_without_a_connection(serve, project):
         server.kill()
         wait(lambda: not ada.connected, ada, timeout=30)
         assert attribute.Get(0) == wanted[0]
-        assert attribute.Get(4) is None  # a warning says why
+        # A warning says why. A tick may have fetched the second clip before the server was gone.
+        assert attribute.Get(4) in (None, wanted[2])
         server.start()
         wait(lambda: stage.GetAttributeAtPath("/Model.x").Get(4) == wanted[2], ada, timeout=30)
 

@@ -121,6 +121,10 @@ def test_a_peer_that_stops_anywhere_is_ended_in_time(served, hello):
     server = served("--guest-seconds", "1")
     peers = [Stopped(server.port, *stop) for stop in stops(hello)]
     assert len(peers) > 50
+    all_end_beside_an_editor(server, peers)
+
+
+def all_end_beside_an_editor(server, peers):
     with connect(server, "ada") as ada:
         edit(ada, 2.0)
         # 1 s, the sweep of 1 s, and 5 s for the goodbye of a peer that does not answer it.
@@ -160,15 +164,7 @@ def test_a_peer_that_stops_anywhere_in_tls_is_ended_in_time(served, hello, monke
     peers = [Stopped(server.port, first[:count]) for count in (0, 1, 4, 5, 6, len(first) // 2, len(first) - 1, len(first))]
     peers += [StoppedInTls(server.port, *stop) for stop in list(stops(hello))[::4]]
     assert len(peers) > 20
-    with connect(server, "ada") as ada:
-        edit(ada, 2.0)
-        end = time.monotonic() + 20
-        while left := [peer.what for peer in peers if not peer.has_ended()]:
-            assert time.monotonic() < end, left
-            ada.tick()
-            time.sleep(0.05)
-        edit(ada, 3.0)
-        wait(lambda: connections(server) <= 3, ada)
+    all_end_beside_an_editor(server, peers)
 
 
 @pytest.mark.parametrize("tls", [False, True])

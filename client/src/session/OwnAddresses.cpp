@@ -116,11 +116,18 @@ void OwnAddresses::notePlaces(Pending& pending) {
     }
 }
 
-// Returns the place at which pending work creates a spec, at the base of `later`.
-std::optional<std::string> OwnAddresses::placeOf(const Creation& creation, const Pending& later) {
+// Returns the pending work with an edit that `later` may name; nullptr if there is none.
+const Pending* OwnAddresses::pendingWith(const Creation& creation, const Pending& later) const {
     const bool isSame = creation.sequence == later.transaction.id.sequence;
     const Pending* pending = isSame ? &later : pending_.find(creation.sequence);
-    if (!pending || creation.edit >= pending->transaction.edits.size()) return std::nullopt;
+    return pending && creation.edit < pending->transaction.edits.size() ? pending : nullptr;
+}
+
+// Returns the place at which pending work creates a spec, at the base of `later`.
+std::optional<std::string> OwnAddresses::placeOf(const Creation& creation,
+                                                 const Pending& later) const {
+    const Pending* pending = pendingWith(creation, later);
+    if (!pending) return std::nullopt;
     const Edit& edit = pending->transaction.edits[creation.edit];
     if (!std::holds_alternative<CreateSpec>(edit.action)) return std::nullopt;
     const auto noted = pending->places.find(creation.edit);
@@ -138,20 +145,25 @@ bool OwnAddresses::followPlace(Pending& pending, std::uint32_t index) const {
     if (noted == pending.places.end() || !edit.address.creation ||
         creations_.find(*edit.address.creation))
         return false;
+    // With a spec that is not created all below it is dropped (M4).
+    const Creation below = *edit.address.creation;
+    if (const Pending* creating = pendingWith(below, pending);
+        !creating || creating->transaction.edits[below.edit].address == unresolvable(below))
+        return false;
     const std::uint64_t since = log_.markAfter(pending.transaction.base);
     const auto self = NamespaceLog::authorOf(self_);
     const std::string before = noted->second;
-    auto now = log_.translatePlaceBetween(edit.layer, before, since, log_.mark(), self);
-    if (now == before) return false;
     const std::string& relative = edit.address.path;
+    if (relative.starts_with('{') || !before.ends_with(relative)) return false;
     const std::string above = before.substr(0, before.size() - relative.size());
-    if (relative.starts_with('{') || !before.ends_with(relative) ||
-        absolutePath(relative, above) != before)
-        return false;
-    const auto aboveNow = log_.translatePlaceBetween(edit.layer, above, since, log_.mark(), self);
+    if (absolutePath(relative, above) != before) return false;
+    auto [now, aboveNow, left] =
+        log_.followPlace(edit.layer, before, above, since, log_.mark(), self);
+    if (left) now = log_.translatePlace(edit.layer, *std::move(now), *left);
+    if (now == before) return false;
     if (!now)
         edit.address = unresolvable({pending.transaction.id.sequence, index});
-    else if (aboveNow && specpath::hasPrefix(*now, *aboveNow))
+    else if (!left)
         edit.address.path = relativePath(*now, *aboveNow);
     else
         edit.address = {*now, {}};

@@ -40,8 +40,9 @@ private:
     [[nodiscard]] bool objectsMovedSince(Revision base) const;
     void notePlaces();
     void notePlaces(Pending& pending);
+    [[nodiscard]] const Pending* pendingWith(const Creation& creation, const Pending& later) const;
     [[nodiscard]] std::optional<std::string> placeOf(const Creation& creation,
-                                                     const Pending& later);
+                                                     const Pending& later) const;
     [[nodiscard]] bool followPlace(Pending& pending, std::uint32_t index) const;
 
     const ClientId& self_;

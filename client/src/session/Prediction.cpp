@@ -23,6 +23,9 @@ NodeId ownBlock(std::uint64_t sequence) { return kFirstOwn + (sequence << kBlock
 // With more structural changes than this, effect() does not search them for each committed edit.
 constexpr std::size_t kStructuralSearched = 256;
 
+// So many addresses and moves are tried to find what names a place.
+constexpr std::size_t kMostTried = 256;
+
 // Fields whose content depends on the type of the attribute (ED9).
 constexpr std::string_view kTypedFields[] = {"default", "spline", "timeSamples"};
 
@@ -91,12 +94,22 @@ std::string Prediction::Moves::undone(std::string path) const {
     }
 }
 
-std::optional<Address> Prediction::Moves::place(std::string path) const {
-    return before(std::move(path), true);
+std::optional<Address> Prediction::Moves::place(std::string path, const Leads& leads) const {
+    std::size_t left = kMostTried;
+    return placeBefore(std::move(path), moves_.size(), leads, left);
 }
 
 std::optional<Address> Prediction::Moves::object(std::string path) const {
-    return before(std::move(path), false);
+    for (std::size_t end = moves_.size();;) {
+        const Last last = this->last(path, end, false);
+        if (last.created)
+            return Address{relativePath(path, last.created->path), last.created->edit};
+        if (!last.moved && !last.left) return Address{std::move(path), {}};
+        if (last.left >= last.moved) return leftBy(moves_[*last.left], path);
+        const Move& move = moves_[*last.moved];
+        path = specpath::replacePrefix(path, *move.to, move.from);
+        end = *last.moved;
+    }
 }
 
 bool Prediction::Moves::movesOnlySpec(const std::string& path) const {
@@ -109,24 +122,43 @@ bool Prediction::Moves::movesOnlySpec(const std::string& path) const {
 
 // The spec that moved to a place is not what is created there afterwards, and another spec may have
 // left it.
-std::optional<Address> Prediction::Moves::before(std::string path, bool isPlace) const {
-    for (std::size_t end = moves_.size();;) {
-        const std::string spec = isPlace ? specpath::parent(path) : path;
-        const auto moved = std::max(lastOf(places_.to, path, end), lastOf(specs_.to, spec, end));
-        const auto left = std::max(lastOf(places_.from, path, end), lastOf(specs_.from, spec, end));
-        const auto last = std::max(moved, left);
-        const Created* created = lastCreated(spec, end);
-        if (created && (!last || created->time > *last))
-            return Address{relativePath(path, created->path), created->edit};
-        if (!last) return Address{std::move(path), {}};
-        const Move& move = moves_[*last];
-        if (last != moved) {
-            if (!move.edit) return std::nullopt;
-            return Address{relativePath(path, move.from), move.edit};
-        }
-        path = specpath::replacePrefix(path, *move.to, move.from);
-        end = *last;
+Prediction::Moves::Last Prediction::Moves::last(const std::string& path, std::size_t end,
+                                                bool isPlace) const {
+    const std::string spec = isPlace ? specpath::parent(path) : path;
+    Last last{std::max(lastOf(places_.to, path, end), lastOf(specs_.to, spec, end)),
+              std::max(lastOf(places_.from, path, end), lastOf(specs_.from, spec, end)),
+              lastCreated(spec, end)};
+    const auto move = std::max(last.moved, last.left);
+    if (last.created && move && last.created->time <= *move) last.created = nullptr;
+    return last;
+}
+
+// Returns what names a path below what a move has left; nothing if it was not an own edit of a
+// place.
+std::optional<Address> Prediction::Moves::leftBy(const Move& move, const std::string& path) {
+    if (!move.edit) return std::nullopt;
+    return Address{relativePath(path, move.from), move.edit};
+}
+
+// Tries at most `left` addresses and moves.
+std::optional<Address> Prediction::Moves::placeBefore(std::string path, std::size_t end,
+                                                      const Leads& leads, std::size_t& left) const {
+    const auto checked = [&](std::optional<Address> address) {
+        return address && leads(*address) ? std::move(address) : std::nullopt;
+    };
+    for (; left > 0; --left) {
+        const Last last = this->last(path, end, true);
+        if (last.created)
+            return checked(Address{relativePath(path, last.created->path), last.created->edit});
+        if (!last.moved && !last.left) return checked(Address{std::move(path), {}});
+        if (last.left >= last.moved) return checked(leftBy(moves_[*last.left], path));
+        // The spec that came there is another one if only the place was moved, or only the spec.
+        const Move& move = moves_[*last.moved];
+        std::string before = specpath::replacePrefix(path, *move.to, move.from);
+        end = *last.moved;
+        if (auto found = placeBefore(std::move(before), end, leads, left)) return found;
     }
+    return std::nullopt;
 }
 
 // Returns the last spec at `path` or above that was created before move `end`.
@@ -387,13 +419,25 @@ Result<Address> Prediction::address(const LayerId& layer, const LayerDoc& doc,
 
 // The address of an object that moves, or of its new parent (M15).
 Result<Address> Prediction::placeAddress(const LayerId& layer, const LayerDoc& doc,
-                                         std::string_view path) const {
+                                         std::string_view path, Names names) const {
     if (const auto valid = specpath::parse(path); !valid) return tl::unexpected(valid.error());
     const auto notes = notes_.find(layer);
     if (notes == notes_.end() || notes->second.moves.empty()) return addressBelow(layer, doc, path);
-    auto place = notes->second.moves.place(std::string(path));
-    if (!place) return fail(ErrorCode::SpecNotFound, "nothing names " + std::string(path));
-    return *std::move(place);
+    std::string place(path);
+    auto named = notes->second.moves.place(
+        place, [&](const Address& address) { return leadsTo(layer, address, place, names); });
+    if (!named) return fail(ErrorCode::SpecNotFound, "nothing names " + place);
+    return *std::move(named);
+}
+
+// Returns whether the server will find it there.
+bool Prediction::leadsTo(const LayerId& layer, const Address& address, const std::string& path,
+                         Names names) const {
+    const AddressResolver resolver(
+        names_, confirmed_->self, openedAt(layer),
+        [this](const Creation& creation) { return creations_.find(creation); });
+    return (names == Names::Place ? resolver.place(layer, address)
+                                  : resolver.spec(layer, address)) == path;
 }
 
 // The address of a spec that is to be created.
@@ -424,7 +468,7 @@ Result<Address> Prediction::parentOfPlace(const LayerId& layer, const LayerDoc& 
     const auto notes = notes_.find(layer);
     if (notes != notes_.end() && notes->second.moves.movesOnlySpec(path))
         return fail(ErrorCode::SpecNotFound, "nothing names " + path);
-    return placeAddress(layer, doc, path);
+    return placeAddress(layer, doc, path, Names::Parent);
 }
 
 // M15: what the paths in the values of an edit name; nothing if they are paths at the base.

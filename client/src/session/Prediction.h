@@ -123,9 +123,12 @@ private:
                     const std::optional<Creation>& edit, bool movesSpec);
         // Returns the path that the spec at `path` had before all moves.
         [[nodiscard]] std::string undone(std::string path) const;
+        // Returns whether an address leads to the place that it has to name.
+        using Leads = std::function<bool(const Address&)>;
         // Returns what names the place `path`: its path before all moves, or its path below what an
-        // own edit has created or vacated; nothing if that is an edit of a preview.
-        [[nodiscard]] std::optional<Address> place(std::string path) const;
+        // own edit has created or vacated; nothing if that is an edit of a preview. Several things
+        // may have come to a place: takes the last of them of which `leads` returns true.
+        [[nodiscard]] std::optional<Address> place(std::string path, const Leads& leads) const;
         // Returns what names the object at `path` in a value; nothing if it is unknown, because an
         // own edit has moved or deleted only the spec that was there.
         [[nodiscard]] std::optional<Address> object(std::string path) const;
@@ -154,7 +157,17 @@ private:
                                                                std::string path, std::size_t end);
         [[nodiscard]] static std::optional<std::size_t> lastAt(const ByPath& paths,
                                                                const std::string& path);
-        [[nodiscard]] std::optional<Address> before(std::string path, bool isPlace) const;
+        // Those that concern a place or an object, before move number `end`.
+        struct Last {
+            std::optional<std::size_t> moved, left;  // to and from there
+            const Created* created;                  // nullptr if a move is later
+        };
+        [[nodiscard]] static std::optional<Address> leftBy(const Move& move,
+                                                           const std::string& path);
+        [[nodiscard]] Last last(const std::string& path, std::size_t end, bool isPlace) const;
+        [[nodiscard]] std::optional<Address> placeBefore(std::string path, std::size_t end,
+                                                         const Leads& leads,
+                                                         std::size_t& left) const;
         [[nodiscard]] const Created* lastCreated(std::string path, std::size_t end) const;
 
         std::vector<Move> moves_;
@@ -181,12 +194,16 @@ private:
     void note(const Edit& executed, const LayerDoc::Applied& applied,
               const std::optional<Creation>& creation, Prognosis& prognosis);
     Result<Address> address(const LayerId& layer, const LayerDoc& doc, std::string_view path) const;
-    Result<Address> placeAddress(const LayerId& layer, const LayerDoc& doc,
-                                 std::string_view path) const;
+    // An address has to lead to a place, or to the new parent of an object.
+    enum class Names { Place, Parent };
+    Result<Address> placeAddress(const LayerId& layer, const LayerDoc& doc, std::string_view path,
+                                 Names names = Names::Place) const;
     Result<Address> newAddress(const LayerId& layer, const LayerDoc& doc,
                                std::string_view path) const;
     Result<Address> addressBelow(const LayerId& layer, const LayerDoc& doc,
                                  std::string_view path) const;
+    [[nodiscard]] bool leadsTo(const LayerId& layer, const Address& address,
+                               const std::string& path, Names names) const;
     Result<Address> parentOfPlace(const LayerId& layer, const LayerDoc& doc,
                                   const std::string& path) const;
     [[nodiscard]] std::vector<Address> namesOf(const AuthoredEdit& edit) const;

@@ -77,30 +77,30 @@ Result<std::string> AddressResolver::place(const LayerId& layer, const Address& 
     auto from = origin(layer, address);
     if (!from) return tl::unexpected(from.error());
     if (from->path == "/") return from->path;  // LayerDoc reports the error
-    std::optional<std::string> path =
-        address.creation ? movedBefore(layer, address, from->path) : from->path;
-    if (path) path = log_.translatePlace(layer, *std::move(path), from->mark);
+    std::optional<PlaceBefore> place = *from;
+    if (address.creation) place = movedBefore(layer, address, *from);
+    std::optional<std::string> path;
+    if (place) path = log_.translatePlace(layer, std::move(place->path), place->mark);
     if (!path) return deleted(from->path);
     return *std::move(path);
 }
 
 // Others can have moved the object at the place, and not what is above it, after the base and
-// before the spec above was created.
-std::optional<std::string> AddressResolver::movedBefore(const LayerId& layer,
+// before the spec above was created. Own moves since then have moved the object, too.
+std::optional<PlaceBefore> AddressResolver::movedBefore(const LayerId& layer,
                                                         const Address& address,
-                                                        const std::string& path) const {
+                                                        PlaceBefore place) const {
     const OwnCreations::Entry* entry = find_(*address.creation);
     const auto above = aboveBefore(layer, *entry);
     const auto here = above ? absolutePath(address.path, *above) : std::nullopt;
-    if (!here || !specpath::parse(*here)) return path;
-    const auto moved = [&](const std::string& place) {
-        return log_.translatePlaceBetween(layer, place, base_, entry->mark, author_);
-    };
-    const auto aboveNow = moved(*above), now = moved(*here);
-    if (!aboveNow) return path;
-    if (!now) return std::nullopt;
-    if (!specpath::hasPrefix(*now, *aboveNow)) return now;
-    return absolutePath(relativePath(*now, *aboveNow), entry->path).value_or(path);
+    if (!here || !specpath::parse(*here)) return place;
+    auto now = log_.followPlace(layer, *here, *above, base_, entry->mark, author_);
+    if (!now.above) return place;
+    if (!now.place) return std::nullopt;
+    if (now.left) return PlaceBefore{*std::move(now.place), *now.left};
+    if (auto path = absolutePath(relativePath(*now.place, *now.above), entry->path))
+        place.path = *std::move(path);
+    return place;
 }
 
 std::string AddressResolver::vacated(const LayerId& layer, const Address& address) const {

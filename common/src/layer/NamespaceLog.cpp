@@ -87,6 +87,33 @@ std::optional<std::string> NamespaceLog::walk(const LayerId& layer, std::string 
     return path;
 }
 
+NamespaceLog::Followed NamespaceLog::followPlace(const LayerId& layer, std::string place,
+                                                 std::string above, std::uint64_t mark,
+                                                 std::uint64_t end, Author author) const {
+    Followed followed{std::move(place), std::move(above)};
+    if (below_ && mark < kFirstAbove) {
+        followed = below_->followPlace(layer, *std::move(followed.place),
+                                       *std::move(followed.above), mark, end, author);
+        if (!followed.place || followed.left) return followed;
+    }
+    for (auto next = firstConcerning(layer, *followed.place, std::max(mark, first_));
+         next && *next < end; next = firstConcerning(layer, *followed.place, *next + 1)) {
+        const Entry& entry = entries_[*next - first_];
+        if (entry.what == Of::Spec || entry.author == author) continue;
+        const auto moved = [&](const std::string& path) -> std::optional<std::string> {
+            if (!specpath::hasPrefix(path, entry.from)) return path;
+            if (!entry.to) return std::nullopt;
+            return specpath::replacePrefix(path, entry.from, *entry.to);
+        };
+        followed = {moved(*followed.place), moved(*followed.above)};
+        if (!followed.place) return followed;
+        if (specpath::hasPrefix(*followed.place, *followed.above)) continue;
+        followed.left = *next + 1;
+        return followed;
+    }
+    return followed;
+}
+
 // Returns the first entry from `mark` on that moved or deleted the spec at `path` or an ancestor.
 std::optional<std::uint64_t> NamespaceLog::firstConcerning(const LayerId& layer,
                                                            std::string_view path,
@@ -157,10 +184,11 @@ bool NamespaceLog::forEachNaming(
     const LayerId& layer, Revision since, Author author,
     const std::function<void(std::string path, const std::string& field)>& visit) const {
     if (below_)
-        return below_->forEachNaming(layer, since, author, [&](std::string path, const auto& field) {
-            if (auto now = translateFrom(layer, std::move(path), first_))
-                visit(*std::move(now), field);
-        });
+        return below_->forEachNaming(
+            layer, since, author, [&](std::string path, const auto& field) {
+                if (auto now = translateFrom(layer, std::move(path), first_))
+                    visit(*std::move(now), field);
+            });
     const auto first = std::upper_bound(
         namings_.begin(), namings_.end(), since,
         [](Revision wanted, const Naming& naming) { return wanted < naming.revision; });

@@ -313,9 +313,15 @@ private:
     }
 
     // A colleague gave the moved object its first opinion in a layer that has nothing at the new
-    // parent. Creates it there, after all edits, so that the submitted ones keep their numbers.
+    // parent. Creates it there, after all edits, so that the submitted ones keep their numbers. The
+    // last edit of the object decides.
     void moveUnderNewParents() {
+        std::map<std::pair<LayerId, std::string>, std::vector<std::uint32_t>> numbers;
+        for (const auto& [index, edit] : withoutParent_)
+            numbers[{edit.layer, edit.address.path}].push_back(index);
         for (const auto& [index, edit] : withoutParent_) {
+            const auto& ofObject = numbers.at({edit.layer, edit.address.path});
+            if (ofObject.back() != index) continue;
             const auto& move = std::get<MoveSpec>(edit.action);
             LayerDoc& doc = layers_.find(edit.layer)->second;
             if (!doc.has(edit.address.path) || doc.has(destination(edit.address.path, move)))
@@ -331,7 +337,8 @@ private:
                                    {missing.back(), {}},
                                    SetField{"specifier", {}, over, ValueType::None}});
             }
-            if (append(doc, edit)) created_.at(index).mark = log_.mark();
+            if (!append(doc, edit)) continue;
+            for (const std::uint32_t number : ofObject) created_.at(number).mark = log_.mark();
         }
     }
 
@@ -541,17 +548,18 @@ void forEachExecuted(
 std::map<std::uint32_t, OwnCreations::Entry> createdBy(const NamespaceLog& log,
                                                        const Commit& commit) {
     std::map<std::uint32_t, OwnCreations::Entry> created;
-    std::map<std::pair<LayerId, std::string>, std::uint32_t> staying;  // objects that did not move
+    // The edits of objects that did not move.
+    std::map<std::pair<LayerId, std::string>, std::vector<std::uint32_t>> staying;
     forEachExecuted(log, commit, [&](const Edit& edit, std::uint32_t index, std::uint64_t mark) {
         const bool ofPlace = concernsPlace(edit.action);
         if (ofPlace || std::holds_alternative<CreateSpec>(edit.action))
             created.emplace(index, OwnCreations::Entry{edit.layer, edit.address.path, mark});
         if (ofPlace && !changesNamespace(edit))
-            staying.insert_or_assign({edit.layer, edit.address.path}, index);
+            staying[{edit.layer, edit.address.path}].push_back(index);
         else if (ofPlace && !staying.empty())  // moved under a new parent, after all others
             if (const auto stayed = staying.find({edit.layer, edit.address.path});
                 stayed != staying.end())
-                created.at(stayed->second).mark = mark;
+                for (const std::uint32_t one : stayed->second) created.at(one).mark = mark;
     });
     return created;
 }

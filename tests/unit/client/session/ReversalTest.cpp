@@ -4,7 +4,6 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <set>
 
 #include "unit/common/history/RandomHistory.h"
 
@@ -12,21 +11,6 @@ using namespace usdlive;
 using namespace usdlive::client;
 
 namespace {
-
-// Such a list cannot be written item by item.
-bool hasRepeatedItems(const LayerDoc& doc) {
-    bool found = false;
-    doc.visit([&](const LayerDoc::SpecView& spec) {
-        for (const auto& [name, value] : *spec.fields)
-            if (const auto* op = value.as<ListOp>())
-                for (const ListItems& list : op->lists) {
-                    const std::vector<Value> items = list.values();
-                    found =
-                        found || std::set<Value>(items.begin(), items.end()).size() < items.size();
-                }
-    });
-    return found;
-}
 
 struct Reverted {
     LayerDoc present, after;

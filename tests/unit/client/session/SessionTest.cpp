@@ -602,6 +602,45 @@ TEST_F(SessionTest, M15AMoveOfASpecAndALaterOneOfAPlaceAreTwo) {
     EXPECT_EQ(swap.edits[4].address, (Address{"/B", {}}));
 }
 
+// The spec comes from elsewhere than the object whose place is moved to the same path.
+TEST_F(SessionTest, M15AChildOfAMovedSpecIsCreatedBelowIt) {
+    joinShot();
+    const auto place = [](const char* from, const char* parent, const char* name) {
+        return authored(from, MoveSpec{{parent, {}}, name, true});
+    };
+    peer.author({authored("/A", moveTo("/", "C")), authored("/C/K", createPrim())});
+    peer.author({authored("/C/K", moveTo("/", "E")), place("/C/K", "/", "E")});
+    peer.author({authored("/C", moveTo("/", "Third")), place("/A", "/", "Third")});
+    peer.author(
+        {authored("/Third/K", createPrim()), authored("/Third/K", setText("comment", "mine"))});
+    peer.advance();
+    for (int count = 0; count < 4; ++count) peer.commitAndTell(peer.takeTransaction());
+    peer.advance();
+    EXPECT_EQ(peer.text("/Third/K", "comment"), "mine");
+    EXPECT_TRUE(peer.agrees());
+}
+
+// The server drops what is below a spec that is not created, also if others have moved its place.
+TEST_F(SessionTest, M15ACreatedChildIsLostWithItsParent) {
+    joinShot();
+    peer.session.disconnected({ErrorCode::NotConnected, "gone"});
+    peer.author({authored("/A/N", createPrim()), authored("/A/N/D", createPrim())});
+    peer.commit(peer.foreign({edit("/A/N/D", MoveSpec{{"/", {}}, "C", true})}));
+    peer.commit(peer.foreign({edit("/A", DeleteSpec{})}));
+    (void)peer.connect();
+    peer.deliverCommit(peer.head() - 1);
+    peer.deliverCommit(peer.head());
+    peer.advance();
+    EXPECT_FALSE(peer.editor.at(kShot).has("/C"));
+    peer.commitAndTell(peer.takeTransaction());
+    peer.advance();
+    EXPECT_FALSE(peer.editor.at(kShot).has("/C"));
+    EXPECT_TRUE(peer.agrees());
+    const auto lost = peer.eventsOf<event::Lost>();
+    ASSERT_EQ(lost.size(), 1u);
+    EXPECT_EQ(lost[0].work.edits.size(), 2u);
+}
+
 TEST_F(SessionTest, M17WorkThatIsDeletedUnseenIsReported) {
     joinShot();
     Transaction deletes = peer.foreign({edit("/B", DeleteSpec{})});

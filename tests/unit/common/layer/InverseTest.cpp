@@ -4,7 +4,6 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <set>
 
 #include "RandomEdits.h"
 #include "unit/Seeds.h"
@@ -165,25 +164,6 @@ TEST_F(InverseTest, DeletedSpecsAreKeptAlthoughTheDocChanges) {
     EXPECT_EQ(doc.dump(), before.dump());
 }
 
-namespace {
-
-// Such a list cannot be written item by item.
-bool hasDuplicates(const LayerDoc& doc) {
-    bool found = false;
-    doc.visit([&](const LayerDoc::SpecView& spec) {
-        for (const auto& [name, value] : *spec.fields)
-            if (const auto* op = value.as<ListOp>())
-                for (const ListItems& list : op->lists) {
-                    const std::vector<Value> items = list.values();
-                    const std::set<Value> distinct(items.begin(), items.end());
-                    found = found || distinct.size() != items.size();
-                }
-    });
-    return found;
-}
-
-}  // namespace
-
 // Any registers that are written one after the other are restored in reverse order, exactly.
 TEST(InverseProperty, WritesAreTakenBackExactly) {
     for (unsigned seed = 1; seed <= seedsOf(400); ++seed) {
@@ -200,13 +180,13 @@ TEST(InverseProperty, WritesAreTakenBackExactly) {
             (void)doc.apply(path, action);
         }
         const std::string before = doc.dump();
-        bool isWritable = !hasDuplicates(doc);
+        bool isWritable = !hasRepeatedItems(doc);
         std::vector<std::pair<std::string, WrittenRegister>> written;
         for (int step = 0; step < 30; ++step) {
             const auto [path, action] = next(false);
             Inverse inverse = inverseBefore(doc, path, action);
             if (!doc.apply(path, action)) continue;
-            isWritable = isWritable && !hasDuplicates(doc);
+            isWritable = isWritable && !hasRepeatedItems(doc);
             completeInverse(inverse, doc, path);
             const auto& one = std::get<WrittenRegister>(inverse);
             if (one.changed) written.emplace_back(path, one);

@@ -183,6 +183,33 @@ TEST(NamespaceLog, M16NamedSpecsFollowTheMovesOfALogAbove) {
     EXPECT_EQ(named, std::vector<std::string>{"/D"});
 }
 
+TEST(NamespaceLog, M15APlaceFollowsUntilItLeavesWhatIsAboveIt) {
+    constexpr NamespaceLog::Author kSelf = 1, kOther = 2;
+    NamespaceLog below;
+    below.recordMove(1, kMovedLayer, "/B", "/E", NamespaceLog::Of::Place, kOther);
+    below.recordMove(1, kMovedLayer, "/E/C", "/X", NamespaceLog::Of::Place, kSelf);
+    below.recordMove(1, kMovedLayer, "/E/C", "/X", NamespaceLog::Of::Spec, kOther);
+    const std::uint64_t end = below.mark();
+    const auto follow = [&](const NamespaceLog& log, std::uint64_t to) {
+        return log.followPlace(kMovedLayer, "/B/C", "/B", 0, to, kSelf);
+    };
+    EXPECT_EQ(follow(below, end).place, "/E/C");
+    EXPECT_EQ(follow(below, end).above, "/E");
+    EXPECT_EQ(follow(below, end).left, std::nullopt);
+
+    NamespaceLog above(&below);
+    above.recordMove(2, kMovedLayer, "/E/C", "/D/A", NamespaceLog::Of::Place, kOther);
+    const std::uint64_t left = above.mark();
+    above.recordDelete(2, kMovedLayer, "/D", NamespaceLog::Of::Place, kOther);
+    EXPECT_EQ(follow(above, above.mark()).place, "/D/A");
+    EXPECT_EQ(follow(above, above.mark()).above, "/E");
+    EXPECT_EQ(follow(above, above.mark()).left, left);
+    EXPECT_EQ(follow(above, left - 1).left, std::nullopt);
+
+    below.recordDelete(1, kMovedLayer, "/E", NamespaceLog::Of::Place, kOther);
+    EXPECT_EQ(follow(below, below.mark()).place, std::nullopt);
+}
+
 TEST(OwnCreations, M3ConfirmedCreationsPrecedePredictedOnes) {
     OwnCreations confirmed;
     OwnCreations predicted(&confirmed);

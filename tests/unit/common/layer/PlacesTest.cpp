@@ -154,6 +154,49 @@ TEST(Places, M15AnotherPrimAtAVacatedPlaceStaysThere) {
     EXPECT_TRUE(project.has(kStageRoot, "/Earth/Chair/Leg"));
 }
 
+// Somebody moves an object into a prim that the author has moved before creating the object.
+TEST(Places, M15WhatOthersMoveIntoAMovedPrimGoesWithIt) {
+    Project project;
+    const Revision seen = project.revision;
+    project.commit("bo", {inRoot("/New/Leg", moveUnder("/W/Table", "Leg", true))});
+    project.commit("ada", {inRoot("/W/Table", moveUnder("/W", "Desk"))}, seen);
+    const Creation created{project.sequence + 1, 0};
+    const auto executed =
+        project.commit("ada", {inRoot("/New", kNewPrim), inRoot("/Leg", kNewPrim, created)}, seen);
+    EXPECT_TRUE(executed.dropped.empty());
+    EXPECT_TRUE(project.has(kStageRoot, "/W/Desk/Leg"));
+    EXPECT_FALSE(project.has(kStageRoot, "/New/Leg"));
+}
+
+// The layer has the object, and nothing at either of its new parents.
+TEST(Places, M15TheLastOfSeveralMovesOfAnObjectDecides) {
+    Project project;
+    const Revision seen = project.revision;
+    project.commit("bo", firstOpinion(project.sequence + 1), seen);
+    const auto executed =
+        project.commit("ada",
+                       {in(kAnimLayer, "/W/Chair", moveUnder("/W/Table", "Stool", true)),
+                        in(kAnimLayer, "/W/Chair", moveUnder("/W/Table", "Bench", true))},
+                       seen);
+    EXPECT_TRUE(project.has(kAnimLayer, "/W/Table/Bench.x"));
+    EXPECT_FALSE(project.has(kAnimLayer, "/W/Table/Stool"));
+
+    Commit commit;
+    commit.revision = project.revision;
+    for (const ExecutedEdit& one : executed.edits) commit.edits.push_back(one.edit);
+    const auto created = createdBy(project.log, commit);
+    for (const std::uint32_t edit : {0u, 1u}) {
+        const Creation vacated{project.sequence, edit};
+        const auto* entry = project.creations["ada"].find(vacated);
+        ASSERT_NE(entry, nullptr);
+        EXPECT_EQ(entry->mark, created.at(edit).mark) << edit;
+    }
+    // The place that it has left is free.
+    const Creation vacated{project.sequence, 0};
+    project.commit("ada", {in(kAnimLayer, "", kNewPrim, vacated)}, seen);
+    EXPECT_TRUE(project.has(kAnimLayer, "/W/Chair"));
+}
+
 TEST(Places, M15TheLastOfTwoRenamesWinsAndTargetsNameOne) {
     Project project;
     project.commit("ada", {inRoot("/W/Table.near", target("/W/Chair"))});

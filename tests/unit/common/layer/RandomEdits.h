@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <random>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -196,5 +197,20 @@ public:
 private:
     std::mt19937 random_;
 };
+
+// Such a list cannot be written item by item.
+inline bool hasRepeatedItems(const LayerDoc& doc) {
+    bool found = false;
+    doc.visit([&](const LayerDoc::SpecView& spec) {
+        for (const auto& [name, value] : *spec.fields)
+            if (const auto* op = value.as<ListOp>())
+                for (const ListItems& list : op->lists) {
+                    const std::vector<Value> items = list.values();
+                    const std::set<Value> distinct(items.begin(), items.end());
+                    found = found || distinct.size() < items.size();
+                }
+    });
+    return found;
+}
 
 }  // namespace usdlive

@@ -57,9 +57,9 @@ public:
 
 private:
     [[nodiscard]] Result<PlaceBefore> origin(const LayerId& layer, const Address& address) const;
-    [[nodiscard]] std::optional<std::string> movedBefore(const LayerId& layer,
+    [[nodiscard]] std::optional<PlaceBefore> movedBefore(const LayerId& layer,
                                                          const Address& address,
-                                                         const std::string& path) const;
+                                                         PlaceBefore place) const;
     [[nodiscard]] std::optional<std::string> aboveBefore(const LayerId& layer,
                                                          const OwnCreations::Entry& entry) const;
 

@@ -72,6 +72,15 @@ public:
                                                                    std::uint64_t mark,
                                                                    std::uint64_t end,
                                                                    Author author) const;
+    /// A place and what is above it, where translatePlaceBetween() puts them; nothing: deleted.
+    struct Followed {
+        std::optional<std::string> place, above;
+        /// If an entry has moved the place and not what is above it: the number after that entry.
+        /// The paths are those after it, later entries are not followed.
+        std::optional<std::uint64_t> left = {};
+    };
+    [[nodiscard]] Followed followPlace(const LayerId& layer, std::string place, std::string above,
+                                       std::uint64_t mark, std::uint64_t end, Author author) const;
     /// Returns the number of the next entry. truncate(mark) removes all entries from that number
     /// on.
     [[nodiscard]] std::uint64_t mark() const;
