@@ -6,6 +6,7 @@
 #include <set>
 
 #include "usdlive/common/core/Overloaded.h"
+#include "usdlive/common/layer/FileRules.h"
 #include "usdlive/common/layer/SpecPath.h"
 
 namespace usdlive::client {
@@ -658,9 +659,13 @@ public:
         if (!actions)
             return keep(other.value.empty() ? "it has another value now" : "it was written since",
                         other, written.field, written.own.part);
-        for (const EditAction& action : *actions)
+        const SpecKind kind = *doc()->kind(path());
+        for (const EditAction& action : *actions) {
+            // ED8: an attribute has no type only before the edit that goes back next, its creation.
+            if (std::holds_alternative<EraseField>(action) && !checkTypeName(kind, action)) continue;
             if (auto done = make(path(), action); !done)
                 return keep(done.error().message, {}, written.field, written.own.part);
+        }
         if (!other.value.empty())  // some parts stay
             keep("some of it was written since", other, written.field, written.own.part);
     }

@@ -235,6 +235,20 @@ TEST_F(UndoTest, ACreatedSpecGoesWithWhatThisUserDidBelow) {
     EXPECT_EQ(dump(), after);
 }
 
+// ED8: the server refuses an attribute without a type.
+TEST_F(UndoTest, ED8AnAttributeKeepsItsTypeUntilItGoes) {
+    const std::string before = dump();
+    author({authored("/A.y", createAttribute())});
+    author({authored("/A.y", SetField{"typeName", {}, tokenValue("double"), {}})});
+    commitOwn();
+    for (int count = 0; count < 2; ++count) {
+        undo();
+        commitOwn();
+    }
+    EXPECT_EQ(dump(), before);
+    EXPECT_TRUE(peer.eventsOf<event::Lost>().empty());
+}
+
 TEST_F(UndoTest, ACreatedSpecStaysWithTheWorkOfOthers) {
     author({authored("/C", createPrim()), authored("/C/Mine", createPrim()),
             authored("/C/Both", createPrim())});
