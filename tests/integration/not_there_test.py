@@ -174,7 +174,12 @@ def event(request, kind):
 CALLS = {
     "open_layer": [lambda live: live.open_layer(NONE)],
     "open_layer_async": [lambda live: asyncio.run(live.open_layer_async(NONE))],
-    "open_stage": [lambda live: live.open_stage(NONE)],
+    "open_stage": [lambda live: live.open_stage(NONE), lambda live: live.open_stage(NONE, at=1),
+                   lambda live: live.open_stage("shot.usda", at="nope"),
+                   lambda live: live.open_stage("shot.usda", at=999), lambda live: live.open_stage("shot.usda", at=0)],
+    "log": [lambda live: list(live.log(layer=NONE)), lambda live: live.log(since="nope"), lambda live: list(live.log(kind="nope"))],
+    "blame": [lambda live: live.blame(NONE, "/World"), lambda live: live.blame("shot.usda", "/none"),
+              lambda live: live.blame("shot.usda", "/World.none")],
     "open_stage_async": [lambda live: asyncio.run(live.open_stage_async(NONE))],
     "request_open_layer": [event(lambda live: live.request_open_layer(NONE), events.LayerOpenFailed)],
     "upload": [lambda live: live.upload("/none.png", "a.png")],
@@ -216,7 +221,7 @@ def test_a_call(server, name, number):
         try:
             answer = CALLS[name][number](live)
         except usdlive.Error as error:
-            assert re.search("none|nope|nothing|nowhere|other.usda|lost work", str(error)), error
+            assert re.search("none|nope|nothing|nowhere|other.usda|lost work|no revision", str(error)), error
         else:
             assert [(one.layer, one.code) for one in answer.failed] == [(NONE, "layerNotFound")]
         assert live.flush() and (live.revision == before or name in ("save", "reload")), "nothing was written"

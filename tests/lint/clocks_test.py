@@ -19,7 +19,7 @@ ALLOWED = {
     "client/src/values/BlobCache.cpp": "sets and compares the times of files",
     "client/src/work/Journal.cpp": "compares it with the time of a file",
     "client/src/cli/Commands.cpp": "the time of a lock, for people",
-    "client/src/cli/Moment.cpp": "times as people write them, such as two hours ago",
+    "client/src/history/Moment.cpp": "times as people write them, such as two hours ago",
     "common/src/fetch/IssuerSignIn.cpp": "the end of a token",
     "common/src/fetch/HashCache.cpp": "compares it with the times of files",
     "plugins/edf/museum/Fetcher.cpp": "the time until which an answer is fresh, for a day at most",

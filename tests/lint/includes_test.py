@@ -18,7 +18,8 @@ FOLDERS = ["common", "server", "client", "plugins", "tests", "bench"]
 # client ("server/project"); a prefix ("common/") means all areas below it.
 COMMON_PLAIN = ["common/core", "common/layer", "common/protocol"]
 # The client without OpenUSD. None of these includes one after it.
-CLIENT_PLAIN = ["client/session", "client/transport", "client/basics", "client/values", "client/link", "client/work"]
+CLIENT_PLAIN = ["client/session", "client/transport", "client/basics", "client/values", "client/link", "client/work",
+                "client/history"]
 SERVER_EDGES = ["server/transport", "server/storage", "server/files"]
 ALLOWED = {
     **{area: COMMON_PLAIN for area in COMMON_PLAIN},
@@ -41,6 +42,7 @@ ALLOWED = {
     "client/values": [*COMMON_PLAIN, "client/session", "client/basics"],
     "client/link": [*COMMON_PLAIN, "common/net", *CLIENT_PLAIN[:3]],
     "client/work": [*COMMON_PLAIN, *CLIENT_PLAIN[:5]],
+    "client/history": [*COMMON_PLAIN, "common/access", "common/history", "client/session"],
     # Layers and stages of any editor, without a connection.
     "client/usd/content": ["common/", "client/session", "client/usd"],
     "client/usd/schema": ["common/"],

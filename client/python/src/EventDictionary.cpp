@@ -1,10 +1,12 @@
 // Converts events to Python dictionaries.
 #include "EventDictionary.h"
 
+#include <nlohmann/json.hpp>
 #include <string>
 #include <variant>
 
 #include "Fields.h"
+#include "cli/Json.h"
 #include "usdlive/common/core/UserColour.h"
 
 namespace nb = nanobind;
@@ -161,6 +163,13 @@ nb::dict convert(const client::event::UploadFailed& event) {
     return d;
 }
 
+nb::list editsOf(const Commit& commit) {
+    nb::list edits;
+    for (const Edit& edit : commit.edits)
+        edits.append(toDictionary(edit.layer, edit.address.path, edit.action));
+    return edits;
+}
+
 nb::dict convert(const client::event::Committed& event) {
     const Commit& commit = event.commit;
     nb::dict d = make("Committed");
@@ -170,10 +179,7 @@ nb::dict convert(const client::event::Committed& event) {
     d["user"] = text(commit.user.value);
     d["client"] = text(commit.id.client.value);
     d["time"] = double(commit.timeMs) / 1000.0;
-    nb::list edits;
-    for (const Edit& edit : commit.edits)
-        edits.append(toDictionary(edit.layer, edit.address.path, edit.action));
-    d["edits"] = edits;
+    d["edits"] = editsOf(commit);
     return d;
 }
 
@@ -278,6 +284,38 @@ nb::dict toDictionary(const client::OtherHistory& other) {
     d["found_store"] = text(other.foundStore.value);
     d["other_project"] = other.isOtherProject();
     d["message"] = text(other.reason.message);
+    return d;
+}
+
+nb::dict toDictionary(const Commit& commit) {
+    nb::dict d;
+    d["revision"] = commit.revision;
+    d["user"] = text(commit.user.value);
+    d["client"] = text(commit.id.client.value);
+    d["time"] = double(commit.timeMs) / 1000.0;
+    d["edits"] = editsOf(commit);
+    d["imported"] = commit.imported ? nb::object(text(commit.imported->value)) : nb::none();
+    return d;
+}
+
+nb::dict toDictionary(const client::BlamedContent& one) {
+    class NoValues final : public BlobSource {
+        SharedBytes blob(const Hash&) override { return nullptr; }
+    } none;
+    const auto json = [&none](const std::optional<FieldValue>& value) {
+        return value ? nb::object(text(cli::line(cli::toJson(*value, none)))) : nb::none();
+    };
+    nb::dict d;
+    d["path"] = text(one.made.path);
+    d["field"] = one.made.field.empty() ? nb::object(nb::none()) : text(one.made.field);
+    d["part"] = part(one.made.part);
+    d["revision"] = one.made.revision;
+    d["user"] = text(one.made.user.value);
+    d["time"] = double(one.made.timeMs) / 1000.0;
+    d["imported"] = one.made.isImport;
+    d["value"] = json(one.content);
+    d["before"] = json(one.prior);
+    d["before_known"] = one.isPriorKnown;
     return d;
 }
 

@@ -3,6 +3,7 @@
 
 #include <nanobind/nanobind.h>
 
+#include "usdlive/client/history/History.h"
 #include "usdlive/client/session/Events.h"
 #include "usdlive/client/session/Undo.h"
 
@@ -16,6 +17,9 @@ namespace usdlive {
 [[nodiscard]] nanobind::dict toDictionary(const client::UnsentWork& work);
 [[nodiscard]] nanobind::dict toDictionary(const client::OtherHistory& other);
 [[nodiscard]] nanobind::dict toDictionary(const client::UndoResult& result);
+[[nodiscard]] nanobind::dict toDictionary(const Commit& commit);
+/// The value and what was there before are JSON.
+[[nodiscard]] nanobind::dict toDictionary(const client::BlamedContent& one);
 nanobind::dict toDictionary(const LayerState& state);
 [[nodiscard]] nanobind::dict toDictionary(const Presence& presence);
 

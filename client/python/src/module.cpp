@@ -21,6 +21,7 @@
 #include "Fields.h"
 #include "LayersBinding.h"
 #include "NamespaceBinding.h"
+#include "history/Moment.h"
 #include "usdlive/client/usd/Client.h"
 #include "usdlive/client/usd/Misuse.h"
 #include "usdlive/common/core/LayerPath.h"
@@ -30,6 +31,27 @@ namespace nb = nanobind;
 using namespace usdlive;
 
 namespace {
+
+/// Returns the query that the dictionary of _live.py describes.
+client::LogQuery logQueryOf(const nb::dict& query, Revision before, std::size_t limit) {
+    client::LogQuery asked;
+    CommitFilter& filter = asked.filter;
+    for (const auto& user : nb::cast<std::vector<std::string>>(query["users"]))
+        filter.users.insert(UserName{user});
+    for (const auto& name : nb::cast<std::vector<std::string>>(query["kinds"])) {
+        const auto kind = opinionKindNamed(name);
+        if (!kind) raise({ErrorCode::InvalidArgument, "'" + name + "' is no kind of opinion"});
+        filter.kinds.insert(*kind);
+    }
+    if (!query["since"].is_none()) filter.sinceMs = nb::cast<std::int64_t>(query["since"]);
+    if (!query["until"].is_none()) filter.untilMs = nb::cast<std::int64_t>(query["until"]);
+    if (const auto layer = nb::cast<std::string>(query["layer"]); !layer.empty())
+        filter.layer = orRaise(parseLayerId(layer));
+    filter.path = nb::cast<std::string>(query["path"]);
+    asked.before = before;
+    asked.limit = limit;
+    return asked;
+}
 
 /// The client. Releases the interpreter's lock while it works, because notices of Sdf reach Python
 /// listeners, which take it.
@@ -121,6 +143,34 @@ public:
     std::string identifierOf(const std::string& name, const std::string& beside) {
         return client("identifier_of")
             .identifierOf(orRaise(parseLayerId(name)), pxr::SdfLayer::Find(beside));
+    }
+
+    std::string addressAt(const std::string& name, Revision revision) {
+        const LayerId layer = orRaise(parseLayerId(name));
+        return orRaise(work("address_at", true,
+                            [&](Client& live) { return live.addressAt(layer, revision); }));
+    }
+
+    /// Returns (commits, before, path, more, events).
+    nb::tuple readLog(const nb::dict& query, Revision before, std::size_t limit) {
+        const auto page =
+            orRaise(work("log", true, [asked = logQueryOf(query, before, limit)](Client& live) {
+                return live.readLog(asked);
+            }));
+        nb::list commits;
+        for (const Commit& commit : page.commits) commits.append(toDictionary(commit));
+        return nb::make_tuple(commits, page.next.before, page.next.filter.path,
+                              page.end == client::LogPage::End::More, takeEvents());
+    }
+
+    /// Returns (opinions, events).
+    nb::tuple blame(const std::string& name, const std::string& path, bool below) {
+        const LayerId layer = orRaise(parseLayerId(name));
+        const auto found = orRaise(
+            work("blame", true, [&](Client& live) { return live.blame(layer, path, below); }));
+        nb::list opinions;
+        for (const auto& one : found.opinions) opinions.append(toDictionary(one));
+        return nb::make_tuple(opinions, takeEvents());
     }
 
     std::string createLayer(const std::string& name) {
@@ -428,6 +478,7 @@ NB_MODULE(_usdlive, module) {
                 .url;
         },
         nb::arg("invitation"));
+    module.def("moment", [](const std::string& text) { return orRaise(client::momentOf(text)); });
     nb::class_<PythonClient>(module, "Client")
         .def(nb::init<const std::string&, const std::string&, const std::string&,
                       const std::string&, double, std::uint64_t, bool>(),
@@ -443,6 +494,9 @@ NB_MODULE(_usdlive, module) {
         .def("request_open_layer", &PythonClient::requestOpenLayer)
         .def("opened_layer", &PythonClient::openedLayer)
         .def("identifier_of", &PythonClient::identifierOf)
+        .def("address_at", &PythonClient::addressAt)
+        .def("read_log", &PythonClient::readLog)
+        .def("blame", &PythonClient::blame)
         .def("create_layer", &PythonClient::createLayer)
         .def("upload", &PythonClient::upload)
         .def("request_upload", &PythonClient::requestUpload)

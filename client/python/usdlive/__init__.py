@@ -35,11 +35,12 @@ from . import events, plugins  # noqa: E402
 from ._usdlive import __version__  # noqa: E402
 from ._error_code import ErrorCode  # noqa: E402
 from ._errors import Error  # noqa: E402
+from ._history import LoggedCommit, Opinion  # noqa: E402
 from ._live import Live, UnsentWork, connect, connect_async  # noqa: E402
 from ._namespace import NamespaceEditor  # noqa: E402
 from ._undo import UndoKept, UndoResult, UndoStack  # noqa: E402
 
 plugins.register()
 
-__all__ = ["__version__", "Error", "ErrorCode", "Live", "NamespaceEditor", "UndoKept",
+__all__ = ["__version__", "Error", "ErrorCode", "Live", "LoggedCommit", "NamespaceEditor", "Opinion", "UndoKept",
            "UndoResult", "UndoStack", "UnsentWork", "connect", "connect_async", "events", "plugins"]

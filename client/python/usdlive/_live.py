@@ -18,6 +18,8 @@ from pxr import Sdf, Usd
 from . import _usdlive, events
 from ._errors import Error
 from ._foreign_files import ForeignFiles
+from ._history import LoggedCommit, Moment, Opinion, logged, milliseconds, opinion
+from ._past import ReadOnly, open_at
 from ._undo import UndoKept, UndoResult, UndoStack
 
 
@@ -133,6 +135,7 @@ class Live:
         self._answered: list[typing.Callable[[events.Event], None]] = []
         self._followed: list[_MutenessOfStage] = []
         self._foreign_files: list[ForeignFiles] = []
+        self._past: list[ReadOnly] = []
         # Events for which handlers were not called yet.
         self._undelivered: collections.deque[dict] = collections.deque()
 
@@ -230,14 +233,28 @@ class Live:
         return list(self.ask("listSkipped", timeout=timeout).files)
 
     def open_stage(self, layer: str, load: "Usd.Stage.InitialLoadSet" = Usd.Stage.LoadAll,
-                   follow_muteness: bool = True) -> Usd.Stage:
+                   follow_muteness: bool = True, *, at: int | str | None = None) -> Usd.Stage:
         """Opens a `Usd.Stage` on a layer of the project; its layers are live. With `LoadNone`, layers used only
         by payloads are not joined; `stage.Load()` joins them in the next ticks. With `follow_muteness`, layers
         that are muted for everybody (`mute`) are muted on this stage. All files that the layers name are found as in
         the project's folder, unless `connect()` has warned that they are not; `events.FilesChanged` says when they
         change. Layers that only value clips name are such files: they are not live unless you open them. A layer that
         the server cannot read has no content and refuses edits until its file is mended; `events.JoinFailed` says why.
-        Keep this object as long as you edit the stage: without it the layers are no longer live, and refuse edits."""
+        Keep this object as long as you edit the stage: without it the layers are no longer live, and refuse edits.
+
+        With `at`, a revision or the name of a checkpoint, opens the stage as it was then, with all layers of the project
+        that it uses:
+
+            before = live.open_stage("shot.usda", at="before lunch")
+
+        Its layers refuse edits, are not live and stay as they are, also when this connection is closed. A layer that nobody had used by then is as it
+        was when it was first used. Files that are no layers, such as textures, have no history: they are as they are now.
+        Blocks until the server has sent what the stage composes; payloads that are loaded later are fetched then. Raises an
+        Error: `futureRevision` and `historyReplaced` (`usdlive compact`) say which revisions there are; `invalidArgument` (no
+        such checkpoint; a notice handler during `tick()`); `layerNotFound`; `notConnected`; `invalidConfiguration` if
+        `connect()` has warned that files are not found, or without `addresses`."""
+        if at is not None:
+            return self._past_stage(layer, at, load, follow_muteness)
         return self._stage(self.open_layer(layer, load == Usd.Stage.LoadAll), layer, load, follow_muteness)
 
     async def open_stage_async(self, layer: str, load: "Usd.Stage.InitialLoadSet" = Usd.Stage.LoadAll,
@@ -252,6 +269,22 @@ class Live:
         if follow_muteness:
             self._follow(stage, layer)
         return stage
+
+    def _past_stage(self, layer: str, at: int | str, load: "Usd.Stage.InitialLoadSet", follow_muteness: bool) -> Usd.Stage:
+        stage = open_at(self._client.address_at(layer, self._revision_at(at)), load, follow_muteness)
+        self._past = [one for one in self._past if one.stage() is not None] + [ReadOnly(stage)]
+        return stage
+
+    def _revision_at(self, at: int | str) -> int:
+        """Returns the revision that a user means by a number or by the name of a checkpoint."""
+        if not isinstance(at, str):
+            if at < 1:
+                raise Error("invalidArgument", f"there is no revision {at}: revisions count from 1")
+            return at
+        for one in self.checkpoints():
+            if one.name == at:
+                return one.revision
+        raise Error("invalidArgument", f"the project has no checkpoint '{at}'; checkpoints() lists them")
 
     def attach(self, stage: Usd.Stage, project_folder: str = "", follow_muteness: bool = True) -> list[str]:
         """Makes the layers of an open stage live. The stage was opened from the folder that the server serves,
@@ -459,6 +492,53 @@ class Live:
     def request_checkpoints(self) -> int:
         """Requests the checkpoints without waiting. The answer is an `events.CheckpointsListed`."""
         return self.request("listCheckpoints")
+
+    # -- history
+
+    def log(self, by: str | typing.Iterable[str] = (), since: Moment = None, until: Moment = None, path: str = "",
+            kind: str | typing.Iterable[str] = (), layer: str = "", limit: int | None = None) -> typing.Iterator[LoggedCommit]:
+        """Yields the commits of the past, the newest first, as `usdlive log` finds them:
+
+            for commit in live.log(by="ann", since="2h", layer="shot.usda", path="/World/Chair"):
+                print(commit.revision, commit.user, commit.edits)
+
+        `by`: only commits of these users. `since`, `until`: a text as for the command ("30m", "2026-11-29 14:05"), seconds
+        since 1970, a datetime, or a timedelta for a time before now. `path`: only edits of this spec of `layer` and of
+        everything below it; it is followed through renames into the past. `kind`: only opinions of these kinds, as in
+        `may_edit()`. With a path, a kind or a layer, commits have only the edits that fit. `limit`: the most commits.
+
+        The iterator reads the history in pages, and each page waits for the server. Raises an Error: `invalidArgument` (an
+        argument; a notice handler during `tick()`), `invalidPath`, `layerNotFound`, `notConnected`."""
+        self._client.may_wait("log")
+        if limit is not None and limit < 0:
+            raise Error("invalidArgument", f"the limit is {limit}: it must be 0 or more")
+        by, kind = ((one,) if isinstance(one, str) else tuple(one) for one in (by, kind))
+        return self._pages({"users": list(by), "kinds": list(kind), "since": milliseconds(since), "until": milliseconds(until),
+                            "layer": layer, "path": path}, limit)
+
+    def _pages(self, query: dict, limit: int | None) -> typing.Iterator[LoggedCommit]:
+        left = float("inf") if limit is None else limit
+        before, more = 0, True
+        while more and left > 0:
+            commits, before, query["path"], more, happened = self._client.read_log(query, before, int(min(left, 500)))
+            self._notify(happened)
+            yield from map(logged, commits)
+            left -= len(commits)
+
+    def blame(self, layer: str, path: str, below: bool = False) -> list[Opinion]:
+        """Returns who has made the opinions of a spec and its properties, when, and what was there before, as
+        `usdlive blame` does:
+
+            for one in live.blame("shot.usda", "/World/Ball"):
+                print(one.path, one.field, one.value, "by", one.user, "was", one.before)
+
+        `path` is a prim or property, or one and a field ("/World/Ball.radius.timeSamples"), which is looked at part by part.
+        With `below`, also everything below the spec. Own edits count when they are committed. What was there before is
+        known for the opinions of the newest 20 commits. Waits for the server. Raises an Error: `layerNotFound`,
+        `specNotFound`, `notConnected`, `invalidArgument` (a notice handler during `tick()`)."""
+        found, happened = self._client.blame(layer, path, below)
+        self._notify(happened)
+        return [opinion(one) for one in found]
 
     # -- requests
 

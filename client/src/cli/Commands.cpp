@@ -48,7 +48,7 @@ std::int64_t wallClockMs() {
 struct Fetched {
     std::unique_ptr<Link> link;
     LayerId id;
-    Link::Layer layer;
+    client::HistoryReader::Content layer;
 };
 
 Result<Fetched> fetch(const CatOptions& options) {
@@ -59,7 +59,7 @@ Result<Fetched> fetch(const CatOptions& options) {
     const auto revision = options.checkpoint.empty() ? Result<Revision>(options.revision)
                                                      : revisionOf(**link, options.checkpoint);
     if (!revision) return tl::unexpected(revision.error());
-    auto layer = (*link)->fetch(*id, *revision);
+    auto layer = (*link)->readLayer(*id, *revision);
     if (!layer) return tl::unexpected(layer.error());
     return Fetched{std::move(*link), *id, std::move(*layer)};
 }
@@ -283,7 +283,7 @@ Result<void> listSkipped(Link& link, bool json) {
 // Waits for the layer states and presences, which the server sends before the answer to any
 // request.
 Result<void> waitForStates(Link& link) {
-    return readLog(link, link.welcome().revision, link.welcome().revision).map([](const auto&) {});
+    return link.readLog(link.welcome().revision, link.welcome().revision).map([](const auto&) {});
 }
 
 }  // namespace

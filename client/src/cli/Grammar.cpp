@@ -10,9 +10,9 @@
 #include "cli/Commands.h"
 #include "cli/ComposedCommands.h"
 #include "cli/HistoryCommands.h"
-#include "cli/Moment.h"
 #include "cli/RevertCommands.h"
 #include "cli/Target.h"
+#include "history/Moment.h"
 #include "usdlive/common/core/LayerPath.h"
 #include "usdlive/common/layer/SpecPath.h"
 
@@ -311,14 +311,14 @@ private:
         verb.add_option_function<std::string>(
                 "--since",
                 [&filter](const std::string& text) {
-                    filter.sinceMs = orUsageError(momentOf(text));
+                    filter.sinceMs = orUsageError(client::momentOf(text));
                 },
                 "Only commits since then: 30m, 2h, 3d, or '2026-11-29 14:05'")
             ->type_name("TIME");
         verb.add_option_function<std::string>(
                 "--until",
                 [&filter](const std::string& text) {
-                    filter.untilMs = orUsageError(momentOf(text));
+                    filter.untilMs = orUsageError(client::momentOf(text));
                 },
                 "Only commits until then")
             ->type_name("TIME");

@@ -136,11 +136,23 @@ Result<void> Link::upload(const std::string& file, const std::string& path, bool
     return std::move(ended.front().outcome);
 }
 
-Result<Link::Layer> Link::fetch(const LayerId& layer, Revision revision) {
-    std::optional<Result<Layer>> answer;
+Result<std::vector<Commit>> Link::readLog(Revision from, Revision to) {
+    std::vector<Commit> commits;
+    std::optional<Result<void>> done;
+    session_->requestLog(
+        from, to, [&](const Commit& commit) { commits.push_back(commit); },
+        [&](Result<void> result) { done = std::move(result); });
+    const auto ran = run([&](const auto&) { return done.has_value(); });
+    if (!ran && (!done || !*done)) return tl::unexpected(ran.error());
+    if (!*done) return tl::unexpected(done->error());
+    return commits;
+}
+
+Result<client::HistoryReader::Content> Link::readLayer(const LayerId& layer, Revision revision) {
+    std::optional<Result<Content>> answer;
     session_->peek(layer, revision, [&](Result<LayerDoc> doc, Revision at) {
         if (doc)
-            answer = Layer{std::move(*doc), at};
+            answer = Content{*std::move(doc), at};
         else
             answer = tl::unexpected(doc.error());
     });

@@ -9,6 +9,7 @@
 #include <unordered_map>
 #include <vector>
 
+#include "history/HistoryReader.h"
 #include "session/Session.h"
 #include "transport/Connection.h"
 #include "usdlive/common/usd/ValueCodec.h"
@@ -17,7 +18,10 @@
 namespace usdlive::cli {
 
 /// A session without an editor, for commands that only query a server. One thread.
-class Link final : public client::SessionHost, public client::LayerView, public BlobSource {
+class Link final : public client::SessionHost,
+                   public client::LayerView,
+                   public client::HistoryReader,
+                   public BlobSource {
 public:
     /// Connects in the name of `user`. Fails after the first attempt, because a person is waiting.
     static Result<std::unique_ptr<Link>> connect(const client::ServerAddress& server, UserName user,
@@ -57,12 +61,10 @@ public:
     /// Uploads a file of this machine, which becomes `path` in the project.
     Result<void> upload(const std::string& file, const std::string& path, bool overwrite);
 
-    /// A layer at a revision (0: the current one), with the actual revision.
-    struct Layer {
-        LayerDoc doc;
-        Revision revision = 0;
-    };
-    Result<Layer> fetch(const LayerId& layer, Revision revision);
+    [[nodiscard]] Revision newest() const override { return welcome().revision; }
+    [[nodiscard]] Revision base() const override { return welcome().base.value_or(0); }
+    Result<std::vector<Commit>> readLog(Revision from, Revision to) override;
+    Result<Content> readLayer(const LayerId& layer, Revision revision) override;
     /// Fetches the big values of the layer.
     Result<void> fetchBlobs(const LayerDoc& doc);
     /// Fetches the big values of the commit that the server still has.

@@ -56,33 +56,6 @@ Result<Revision> revisionOf(Link& link, const std::string& checkpoint) {
     return found->revision;
 }
 
-Result<std::vector<Commit>> readLog(Link& link, Revision from, Revision to) {
-    std::vector<Commit> commits;
-    std::optional<Result<void>> done;
-    link.session().requestLog(
-        from, to, [&](const Commit& commit) { commits.push_back(commit); },
-        [&](Result<void> result) { done = std::move(result); });
-    const auto ran = link.run([&](const auto&) { return done.has_value(); });
-    if (!ran && (!done || !*done)) return tl::unexpected(ran.error());
-    if (!*done) return tl::unexpected(done->error());
-    return commits;
-}
-
-Result<void> readBackward(Link& link, Revision newest, Revision oldest,
-                          const std::function<bool(const Commit&)>& visit, Revision page) {
-    for (Revision to = newest; to >= oldest && to > 0;) {
-        const Revision from = to - oldest >= page ? to - page + 1 : oldest;
-        const auto commits = readLog(link, from, to);
-        if (!commits) return tl::unexpected(commits.error());
-        for (auto commit = commits->rbegin(); commit != commits->rend(); ++commit)
-            if (!visit(*commit)) return {};
-        to = from - 1;
-    }
-    return {};
-}
-
-Revision baseOf(const Link& link) { return link.welcome().base.value_or(0); }
-
 void warnOfBase(Revision base) {
     if (base > 0)
         std::cerr

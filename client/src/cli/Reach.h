@@ -28,15 +28,6 @@ inline constexpr std::size_t kEditsShown = 8;
 /// Returns the revision of a checkpoint.
 [[nodiscard]] Result<Revision> revisionOf(Link& link, const std::string& checkpoint);
 
-/// Returns commits of the past, the oldest first. Precondition: `from` and `to` exist.
-[[nodiscard]] Result<std::vector<Commit>> readLog(Link& link, Revision from, Revision to);
-/// Calls `visit` with the commits from `newest` back to `oldest`, until it returns false. Reads
-/// them in pages.
-[[nodiscard]] Result<void> readBackward(Link& link, Revision newest, Revision oldest,
-                                        const std::function<bool(const Commit&)>& visit,
-                                        Revision page = 1'000);
-/// Returns the revision up to which commits were replaced by the content of the layers; 0: none.
-[[nodiscard]] Revision baseOf(const Link& link);
 /// Prints to standard error where the history begins, if that is not its first commit.
 void warnOfBase(Revision base);
 

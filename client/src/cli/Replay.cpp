@@ -46,7 +46,7 @@ Result<Revision> revisionAt(Link& link, const RevisionWord& word) {
         return revisionOf(link, word);
     if (number > newest) return tl::unexpected(isFuture(number, newest));
     if (number == 0) return fail(ErrorCode::InvalidArgument, "revisions count from 1");
-    if (number < baseOf(link)) return tl::unexpected(isBefore(baseOf(link), number));
+    if (number < link.base()) return tl::unexpected(isBefore(link.base(), number));
     return number;
 }
 
@@ -60,7 +60,7 @@ Result<CommitFilter> filterFor(const Link& link, const Common& options, CommitFi
 Result<void> Replay::goTo(Revision revision) {
     constexpr Revision kPage = 1'000;
     while (revision_ < revision) {
-        const auto commits = readLog(link_, revision_ + 1, std::min(revision_ + kPage, revision));
+        const auto commits = link_.readLog(revision_ + 1, std::min(revision_ + kPage, revision));
         if (!commits) return tl::unexpected(commits.error());
         for (const Commit& commit : *commits) {
             // A client is not sent the edits of an import.

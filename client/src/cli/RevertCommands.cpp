@@ -35,12 +35,12 @@ class Chosen {
 public:
     /// Reads the commits of the range and all later ones.
     Result<void> read(Link& link, const RevertOptions& options, const CommitFilter& filter) {
-        const Revision base = baseOf(link);
+        const Revision base = link.base();
         newest_ = link.welcome().revision;
         const Revision last = options.last > 0 ? options.last : newest_;
         const Revision first = std::max<Revision>(options.first, base + 1);
         CommitSearch search(filter);
-        auto done = readBackward(link, newest_, first, [&](const Commit& commit) {
+        auto done = client::readBackward(link, newest_, first, [&](const Commit& commit) {
             if (commit.timeMs < filter.sinceMs) return false;
             std::set<std::size_t> edits;
             const auto found = search.look(commit);
@@ -61,7 +61,7 @@ public:
     Result<void> readNewer(Link& link) {
         const Revision now = link.session().revision();
         if (now == newest_) return {};
-        const auto commits = readLog(link, newest_ + 1, now);
+        const auto commits = link.readLog(newest_ + 1, now);
         if (!commits) return tl::unexpected(commits.error());
         for (const Commit& commit : *commits) commits_.push_back({commit, {}});
         newest_ = now;
@@ -105,7 +105,7 @@ private:
 Result<LayerDocs> contentsAt(Link& link, const std::set<LayerId>& layers, Revision revision) {
     LayerDocs docs;
     for (const LayerId& layer : layers) {
-        auto fetched = link.fetch(layer, std::max<Revision>(revision, 1));
+        auto fetched = link.readLayer(layer, std::max<Revision>(revision, 1));
         if (!fetched) return tl::unexpected(fetched.error());
         docs.emplace(layer, std::move(fetched->doc));
     }
@@ -149,7 +149,7 @@ Result<void> revert(const RevertOptions& options) {
     const auto reached = reach(options);
     if (!reached) return tl::unexpected(reached.error());
     Link& link = **reached;
-    const Revision base = baseOf(link), newest = link.welcome().revision;
+    const Revision base = link.base(), newest = link.welcome().revision;
     if (options.first > 0 && options.first <= base)
         return tl::unexpected(isBefore(base, options.first));
     if (const Revision last = std::max(options.first, options.last); last > newest)
@@ -199,14 +199,15 @@ Result<void> restore(const RestoreOptions& options) {
     std::set<LayerId> changed, imported;
     std::optional<FormerPath> former;
     if (!options.path.empty()) former.emplace(options.target.layers.front(), options.path);
-    auto read = readBackward(link, link.welcome().revision, *to + 1, [&](const Commit& commit) {
-        for (auto edit = commit.edits.rbegin(); edit != commit.edits.rend(); ++edit) {
-            changed.insert(edit->layer);
-            if (former) former->goBefore(*edit);
-        }
-        if (commit.imported) imported.insert(*commit.imported);
-        return true;
-    });
+    auto read =
+        client::readBackward(link, link.welcome().revision, *to + 1, [&](const Commit& commit) {
+            for (auto edit = commit.edits.rbegin(); edit != commit.edits.rend(); ++edit) {
+                changed.insert(edit->layer);
+                if (former) former->goBefore(*edit);
+            }
+            if (commit.imported) imported.insert(*commit.imported);
+            return true;
+        });
     if (!read) return read;
     std::set<LayerId> layers(options.target.layers.begin(), options.target.layers.end());
     if (layers.empty()) layers = changed;

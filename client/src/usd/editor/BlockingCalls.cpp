@@ -207,6 +207,97 @@ Error Client::Impl::notConfirmed(double timeoutMs) const {
                                           : ": there is no connection to the server")};
 }
 
+// --- the past
+
+// Calls tick() until the answer is there. `answer` belongs to the session, too, which may set it
+// after this has given up.
+template <class Answer>
+Result<void> Client::Impl::waitForAnswer(const std::optional<Answer>& answer) {
+    Stopwatch silent;
+    while (!answer) {
+        tick(kBlockingBudgetMs);
+        if (answer) break;
+        if (line_.connection().wait(milliseconds(5))) silent = Stopwatch();
+        if (silent.ms() > kSilenceMs)
+            return fail(ErrorCode::NotConnected, "the server no longer answers");
+    }
+    return {};
+}
+
+Result<std::vector<Commit>> Client::Impl::readLog(Revision from, Revision to) {
+    struct Reading {
+        std::vector<Commit> commits;
+        std::optional<Result<void>> end;
+    };
+    const auto reading = std::make_shared<Reading>();
+    session_.requestLog(
+        from, to, [reading](const Commit& commit) { reading->commits.push_back(commit); },
+        [reading](Result<void> end) { reading->end = std::move(end); });
+    if (auto waited = waitForAnswer(reading->end); !waited) return tl::unexpected(waited.error());
+    if (!*reading->end) return tl::unexpected(reading->end->error());
+    return std::move(reading->commits);
+}
+
+Result<client::HistoryReader::Content> Client::Impl::readLayer(const LayerId& id,
+                                                               Revision revision) {
+    const LayerDoc* const confirmed = session_.confirmed(id);
+    if (revision == 0 && confirmed) return Content{*confirmed, session_.revision()};
+    const auto answer = std::make_shared<std::optional<Result<Content>>>();
+    session_.peek(id, revision > 0 ? revision : session_.revision(),
+                  [answer](Result<LayerDoc> doc, Revision at) {
+                      if (doc)
+                          *answer = Content{*std::move(doc), at};
+                      else
+                          *answer = tl::unexpected(doc.error());
+                  });
+    if (auto waited = waitForAnswer(*answer); !waited) return tl::unexpected(waited.error());
+    return std::move(**answer);
+}
+
+Result<void> Client::Impl::checkLayer(const LayerId& id) const {
+    if (auto valid = parseLayerId(id.value); !valid) return tl::unexpected(valid.error());
+    if (!session_.isConnected()) return tl::unexpected(notThere());
+    if (!layers_.isOfProject(id))
+        return fail(ErrorCode::LayerNotFound, "the project has no layer " + id.value);
+    return {};
+}
+
+// The commit after a revision can be read if the content at the revision can.
+Result<void> Client::Impl::checkReadable(const LayerId& id, Revision revision) {
+    if (auto known = checkLayer(id); !known) return known;
+    const Revision newest = session_.revision();
+    if (newest == 0)
+        return fail(ErrorCode::FutureRevision,
+                    "the project has no history yet: open a layer of it first");
+    if (revision == 0)
+        return fail(ErrorCode::InvalidArgument, "there is no revision 0: revisions count from 1");
+    if (revision == newest) return {};
+    const Revision asked = revision < newest ? revision + 1 : revision;
+    const auto read = readLog(asked, asked);
+    if (read) return {};
+    if (read.error().code == ErrorCode::FutureRevision)
+        return fail(ErrorCode::FutureRevision, "there is no revision " + std::to_string(revision) +
+                                                   " yet: the newest is " +
+                                                   std::to_string(session_.revision()));
+    if (read.error().code != ErrorCode::HistoryReplaced) return tl::unexpected(read.error());
+    // The error of the server says which revision is the oldest.
+    return readLayer(id, revision).map([](const auto&) {});
+}
+
+Result<std::string> Client::Impl::addressAt(const LayerId& id, Revision revision) {
+    const auto web = line_.connection().web();
+    if (!files_.isStarted() || !web)
+        return fail(ErrorCode::InvalidConfiguration,
+                    files_.problem()
+                        ? files_.problem()->message
+                        : "layers of the past are opened by addresses: connect with addresses");
+    if (auto readable = checkReadable(id, revision); !readable)
+        return tl::unexpected(readable.error());
+    const std::string prefix = web->project.empty() ? "" : web->project + "/";
+    return "usdlive://" + web->hostAndPort() + "/" + client::encodedInAddress(prefix + id.value) +
+           "@" + std::to_string(revision);
+}
+
 // --- disconnecting
 
 std::optional<client::UnsentWork> Client::Impl::leave(double timeoutMs) {

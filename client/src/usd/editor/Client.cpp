@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "basics/SystemUser.h"
+#include "history/HistorySearch.h"
 #include "link/OwnName.h"
 #include "session/OwnRights.h"
 #include "transport/Connection.h"
@@ -174,6 +175,28 @@ std::optional<LayerId> Client::layerId(const pxr::SdfLayerHandle& layer) const {
 std::string Client::identifierOf(const LayerId& layer, const pxr::SdfLayerHandle& beside) const {
     const auto& places = here("identifierOf").places();
     return beside ? places.identifierBeside(beside, layer) : places.identifierOf(layer);
+}
+
+// --- the past
+
+Result<std::string> Client::addressAt(const LayerId& layer, Revision revision) {
+    if (auto error = misuse("addressAt", true)) return tl::unexpected(*error);
+    return impl_->addressAt(layer, revision);
+}
+
+Result<client::LogPage> Client::readLog(const client::LogQuery& query) {
+    if (auto error = misuse("readLog", true)) return tl::unexpected(*error);
+    if (!query.filter.layer.empty())
+        if (auto known = impl_->checkLayer(query.filter.layer); !known)
+            return tl::unexpected(known.error());
+    return client::searchLog(*impl_, query);
+}
+
+Result<client::BlameResult> Client::blame(const LayerId& layer, const std::string& path,
+                                          bool below) {
+    if (auto error = misuse("blame", true)) return tl::unexpected(*error);
+    if (auto known = impl_->checkLayer(layer); !known) return tl::unexpected(known.error());
+    return client::findBlame(*impl_, layer, path, below);
 }
 
 // --- the frame

@@ -13,6 +13,7 @@
 
 #include "basics/CallerThread.h"
 #include "basics/ProcessFolder.h"
+#include "history/HistoryReader.h"
 #include "link/AwaitedAnswers.h"
 #include "link/EditorEvents.h"
 #include "link/ServerLink.h"
@@ -46,7 +47,9 @@ struct ClientFolders {
 
 /// The parts of a client. Each part owns its state. This class calls them in the right order in
 /// each tick, and connects them with the session.
-class Client::Impl final : public client::SessionHost, public client::LayerView {
+class Client::Impl final : public client::SessionHost,
+                           public client::LayerView,
+                           public client::HistoryReader {
 public:
     Impl(std::unique_ptr<client::Connection> connection, Options options, const Hash& secret,
          ClientFolders folders);
@@ -85,6 +88,16 @@ public:
     /// Returns nothing if the server has not answered in time.
     std::optional<Result<client::Event>> answerTo(std::uint64_t request, double timeoutMs);
     std::optional<client::UnsentWork> leave(double timeoutMs);
+    Result<std::string> addressAt(const LayerId& id, Revision revision);
+
+    /// Returns an error if there is no connection, or the project has no such layer.
+    [[nodiscard]] Result<void> checkLayer(const LayerId& id) const;
+
+    // HistoryReader
+    [[nodiscard]] Revision newest() const override { return session_.revision(); }
+    [[nodiscard]] Revision base() const override { return session_.welcome()->base.value_or(0); }
+    Result<std::vector<Commit>> readLog(Revision from, Revision to) override;
+    Result<Content> readLayer(const LayerId& id, Revision revision) override;
 
     // Layers.
     [[nodiscard]] pxr::SdfLayerRefPtr layer(const LayerId& id) const;
@@ -167,6 +180,9 @@ private:
     void followUploads();
 
     Result<void> waitForOpen(std::uint64_t request);
+    template <class Answer>
+    Result<void> waitForAnswer(const std::optional<Answer>& answer);
+    [[nodiscard]] Result<void> checkReadable(const LayerId& id, Revision revision);
     [[nodiscard]] Error notThere() const;
     [[nodiscard]] Error notConfirmed(double timeoutMs) const;
     [[nodiscard]] std::optional<client::UnsentWork> unsent();
@@ -205,7 +221,7 @@ private:
     std::optional<usd::SdfLayerStore::Block> edits_;  // the session makes them while it advances
     TakeBack takesBack_ = nullptr;  // called in the present tick, after the editor's edits
     std::optional<Result<client::UndoResult>> takenBack_;
-    int gestures_ = 0;  // open ones, each inside the one before
+    int gestures_ = 0;                                    // open ones, each inside the one before
 };
 
 }  // namespace usdlive

@@ -13,6 +13,7 @@
 #include <string>
 #include <vector>
 
+#include "usdlive/client/history/History.h"
 #include "usdlive/client/session/Events.h"
 #include "usdlive/client/session/Undo.h"
 #include "usdlive/client/usd/LoadSet.h"
@@ -179,6 +180,28 @@ public:
     /// of an attached folder, it is that of the layer in the same folder.
     [[nodiscard]] std::string identifierOf(const LayerId& layer,
                                            const pxr::SdfLayerHandle& beside = {}) const;
+
+    // --- the past (docs/history.md)
+
+    /// Returns the address by which OpenUSD opens a layer of the project as it was at a revision,
+    /// with all layers that it uses as they were then. Waits for the server, which says whether the
+    /// revision can be read; the layers are fetched when they are opened, and can be used without
+    /// this client. Errors: LayerNotFound; InvalidArgument (revision 0; a call within tick());
+    /// FutureRevision and HistoryReplaced name the revisions that there are; NotConnected;
+    /// InvalidConfiguration (Options::addresses is not set, or filesProblem() has an error).
+    [[nodiscard]] Result<std::string> addressAt(const LayerId& layer, Revision revision);
+    /// Returns the next commits that a query chooses, the newest first. Waits for the server.
+    /// Continue with LogPage::next. Errors: InvalidArgument (a path without a layer; a call within
+    /// tick()), InvalidPath, LayerNotFound, NotConnected.
+    [[nodiscard]] Result<client::LogPage> readLog(const client::LogQuery& query);
+    /// Returns who has made the opinions of a spec and its properties, when, and what was there
+    /// before; with `below` also those of everything below it. `path` is a prim or property, or one
+    /// and a field (`/World/Ball.radius.default`), which is looked at part by part. Reads the
+    /// commits until all are found, and waits for them; what was there before is read for the
+    /// newest 20 commits. Own edits count when they are committed. Errors: LayerNotFound,
+    /// SpecNotFound, InvalidArgument (a call within tick()), NotConnected.
+    [[nodiscard]] Result<client::BlameResult> blame(const LayerId& layer, const std::string& path,
+                                                    bool below = false);
 
     // --- the frame
 

@@ -1,11 +1,11 @@
 // Moments as people write them.
-#include "cli/Moment.h"
+#include "history/Moment.h"
 
 #include <charconv>
 #include <ctime>
 #include <string>
 
-namespace usdlive::cli {
+namespace usdlive::client {
 
 namespace {
 
@@ -54,4 +54,4 @@ Result<std::int64_t> momentOf(std::string_view text) {
                     "2026-11-29 or '2026-11-29 14:05'");
 }
 
-}  // namespace usdlive::cli
+}  // namespace usdlive::client

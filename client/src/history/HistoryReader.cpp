@@ -1,0 +1,25 @@
+// Reads the history of a project.
+#include "history/HistoryReader.h"
+
+namespace usdlive::client {
+
+Result<void> readBackward(HistoryReader& reader, Revision newest, Revision oldest,
+                          const std::function<bool(const Commit&)>& visit, Revision page) {
+    for (Revision to = newest; to >= oldest && to > 0;) {
+        const Revision from = to - oldest >= page ? to - page + 1 : oldest;
+        const auto commits = reader.readLog(from, to);
+        if (!commits && commits.error().code == ErrorCode::HistoryReplaced) {
+            // A base was made since the connection. Looks for it.
+            if (from == to) return {};
+            oldest = from + (to - from) / 2 + 1;
+            continue;
+        }
+        if (!commits) return tl::unexpected(commits.error());
+        for (auto commit = commits->rbegin(); commit != commits->rend(); ++commit)
+            if (!visit(*commit)) return {};
+        to = from - 1;
+    }
+    return {};
+}
+
+}  // namespace usdlive::client
