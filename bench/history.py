@@ -1,12 +1,18 @@
-"""How long it takes to search a long history, and to take a commit of it back.
+"""How long it takes to search a long history, to take a commit of it back, and to play it.
 
-    ./run bench history [--commits 100000] [--rounds 3]
+    ./run bench history [--commits 100000] [--rounds 3] [--fields 100000]
 
 A server whose project has a layer with 1,000 attributes, and as many commits of one value each as `commits` says. The
 times are those of the whole command, in seconds; `connect` is `usdlive who`, which only connects. `blameNew` and
 `blameOld` ask who has made an opinion that one of the last commits has written, and one that only the first has.
 `logPath` looks for all commits of one attribute. `revertNew` and `revertOld` take back one of the last commits, and the
 first one, which reads all of them (both as a dry run). Medians.
+
+`player*` are of another layer of the project, which has `--fields` attributes with a value each and 1,000 commits. `playerForward` and
+`playerBackward` are revisions a second of a player that is moved to each of them in turn, with a stage on its layers,
+`playerRandom` those of jumps to and fro; the commits are read once before. `playerOpen` is the time to open the stage of a
+revision (`open_stage(at=)`) that this process has not opened, and `playerRatio` how many revisions a player shows forward in
+that time.
 """
 
 from __future__ import annotations
@@ -49,6 +55,49 @@ def fill(url: str, commits: int) -> None:
         live.flush()
 
 
+def fields_layer(fields: int) -> str:
+    prims = "".join(f'    def "Group{number}"\n    {{\n'
+                    + "".join(f"        double v{i} = {i}\n" for i in range(100)) + "    }\n" for number in range(fields // 100))
+    return f'#usda 1.0\n\ndef "World"\n{{\n{prims}}}\n'
+
+
+def play(url: str, fields: int, commits: int = 1_000) -> dict[str, float]:
+    chance = random.Random(1)
+    with usdlive.connect(url, user="ann", timeout=60) as live:
+        layer = live.open_layer("fields.usda")
+        live.flush()
+        begin = live.revision
+        for number in range(commits):
+            path = f"/World/Group{chance.randrange(fields // 100)}.v{chance.randrange(100)}"
+            layer.GetAttributeAtPath(path).default = -1.0 - number
+            live.tick()
+            while live.pending > 500:
+                live.tick()
+        assert live.flush(60)
+        assert live.revision == begin + commits
+        player = live.player("fields.usda", at=begin)
+        player.seek(begin + commits)
+        player.seek(begin)
+
+        def rate(revisions: list[int]) -> float:
+            start = time.perf_counter()
+            for one in revisions:
+                player.seek(one)
+            return len(revisions) / (time.perf_counter() - start)
+
+        forward = rate(list(range(begin + 1, begin + commits + 1)))
+        backward = rate(list(range(begin + commits - 1, begin - 1, -1)))
+        back_and_forth = rate([begin + chance.randrange(commits) for _ in range(200)])
+        opened = []
+        for at in (begin + 3, begin + 333, begin + 777):
+            start = time.perf_counter()
+            live.open_stage("fields.usda", at=at)
+            opened.append(time.perf_counter() - start)
+        took = statistics.median(opened)
+        return {"playerForward": forward, "playerBackward": backward, "playerRandom": back_and_forth, "playerOpen": took,
+                "playerRatio": forward * took}
+
+
 def seconds(*words: str) -> float:
     begin = time.perf_counter()
     subprocess.run([BIN / "usdlive", *words], stdout=subprocess.DEVNULL, check=True)
@@ -59,11 +108,13 @@ def main() -> None:
     arguments = argparse.ArgumentParser()
     arguments.add_argument("--commits", type=int, default=100_000)
     arguments.add_argument("--rounds", type=int, default=3)
+    arguments.add_argument("--fields", type=int, default=100_000)
     options = arguments.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         project = pathlib.Path(folder) / "shots"
         project.mkdir()
         (project / "shot.usda").write_text(LAYER)
+        (project / "fields.usda").write_text(fields_layer(options.fields))
         port_file = pathlib.Path(folder) / "port"
         server = subprocess.Popen([BIN / "usdlive", "serve", project, "--port", "0", "--port-file", port_file,
                                    "--durability", "os"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -71,6 +122,7 @@ def main() -> None:
             while not port_file.exists():
                 time.sleep(0.01)
             url = f"ws://127.0.0.1:{port_file.read_text().strip()}"
+            played = play(url, options.fields)
             fill(url, options.commits)
             log = subprocess.run([BIN / "usdlive", "log", "--json", "-n", "1", url], capture_output=True, text=True,
                                  check=True)
@@ -88,7 +140,8 @@ def main() -> None:
         finally:
             server.terminate()
             server.wait()
-    print(json.dumps({"bench": "history", "commits": newest, **{name: round(value, 3) for name, value in took.items()}}))
+    print(json.dumps({"bench": "history", "commits": newest, "fields": options.fields,
+                      **{name: round(value, 3) for name, value in {**took, **played}.items()}}))
 
 
 if __name__ == "__main__":

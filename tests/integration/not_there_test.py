@@ -177,6 +177,8 @@ CALLS = {
     "open_stage": [lambda live: live.open_stage(NONE), lambda live: live.open_stage(NONE, at=1),
                    lambda live: live.open_stage("shot.usda", at="nope"),
                    lambda live: live.open_stage("shot.usda", at=999), lambda live: live.open_stage("shot.usda", at=0)],
+    "player": [lambda live: live.player(NONE), lambda live: live.player("shot.usda", at="nope"),
+               lambda live: live.player("shot.usda", at=999), lambda live: live.player("shot.usda", at=0)],
     "log": [lambda live: list(live.log(layer=NONE)), lambda live: live.log(since="nope"), lambda live: list(live.log(kind="nope"))],
     "blame": [lambda live: live.blame(NONE, "/World"), lambda live: live.blame("shot.usda", "/none"),
               lambda live: live.blame("shot.usda", "/World.none")],

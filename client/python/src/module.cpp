@@ -173,6 +173,48 @@ public:
         return nb::make_tuple(opinions, takeEvents());
     }
 
+    /// A player. Its calls are calls of the connection, too: a close() within one waits for its
+    /// end.
+    class Player {
+    public:
+        Player(PythonClient& client, const std::string& name, Revision revision) : client_(client) {
+            const LayerId layer = orRaise(parseLayerId(name));
+            player_ = orRaise(client.work(
+                "player", true, [&](Client& live) { return live.openPlayer(layer, revision); }));
+        }
+        ~Player() {
+            const nb::gil_scoped_release release;
+            player_.reset();
+        }
+        /// The identifier of the root layer.
+        [[nodiscard]] std::string layer() const {
+            const auto layer = player_->layer();
+            return layer ? layer->GetIdentifier() : std::string();
+        }
+        /// Returns the events.
+        nb::list seek(Revision revision) {
+            const auto moved =
+                client_.work("seek", true, [&](Client&) { return player_->seek(revision); });
+            if (!moved) raise(moved.error());
+            return client_.takeEvents();
+        }
+        void play(double speed) {
+            client_.work("play", false, [&](Client&) { player_->play(speed); });
+        }
+        bool tick() {
+            return orRaise(client_.work("tick", true, [&](Client&) { return player_->tick(); }));
+        }
+        void close() {
+            const nb::gil_scoped_release release;
+            player_->close();
+        }
+        [[nodiscard]] const HistoryPlayer& player() const { return *player_; }
+
+    private:
+        PythonClient& client_;  // kept by the binding
+        std::unique_ptr<HistoryPlayer> player_;
+    };
+
     std::string createLayer(const std::string& name) {
         const LayerId layer = orRaise(parseLayerId(name));
         return orRaise(work("create_layer", true,
@@ -545,6 +587,19 @@ NB_MODULE(_usdlive, module) {
         .def_prop_ro("cache_folder", [](PythonClient& self) {
             return self.client("cache_folder").cacheFolder().string();
         });
+    using Player = PythonClient::Player;
+    nb::class_<Player>(module, "Player")
+        .def(nb::init<PythonClient&, const std::string&, Revision>(), nb::keep_alive<1, 2>())
+        .def_prop_ro("layer", &Player::layer)
+        .def("seek", &Player::seek)
+        .def("play", &Player::play)
+        .def("tick", &Player::tick)
+        .def("close", &Player::close)
+        .def_prop_ro("closed", [](const Player& self) { return self.player().isClosed(); })
+        .def_prop_ro("playing", [](const Player& self) { return self.player().isPlaying(); })
+        .def_prop_ro("revision", [](const Player& self) { return self.player().revision(); })
+        .def_prop_ro("first", [](const Player& self) { return self.player().first(); })
+        .def_prop_ro("last", [](const Player& self) { return self.player().last(); });
     nb::list requests;
     forEachRequest(
         [&](const auto& request) { requests.append(toPython(std::string(request.kType))); });

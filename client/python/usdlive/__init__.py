@@ -38,9 +38,10 @@ from ._errors import Error  # noqa: E402
 from ._history import LoggedCommit, Opinion  # noqa: E402
 from ._live import Live, UnsentWork, connect, connect_async  # noqa: E402
 from ._namespace import NamespaceEditor  # noqa: E402
+from ._player import Player  # noqa: E402
 from ._undo import UndoKept, UndoResult, UndoStack  # noqa: E402
 
 plugins.register()
 
-__all__ = ["__version__", "Error", "ErrorCode", "Live", "LoggedCommit", "NamespaceEditor", "Opinion", "UndoKept",
+__all__ = ["__version__", "Error", "ErrorCode", "Live", "LoggedCommit", "NamespaceEditor", "Opinion", "Player", "UndoKept",
            "UndoResult", "UndoStack", "UnsentWork", "connect", "connect_async", "events", "plugins"]

@@ -20,6 +20,7 @@ from ._errors import Error
 from ._foreign_files import ForeignFiles
 from ._history import LoggedCommit, Moment, Opinion, logged, milliseconds, opinion
 from ._past import ReadOnly, open_at
+from ._player import Player
 from ._undo import UndoKept, UndoResult, UndoStack
 
 
@@ -269,6 +270,18 @@ class Live:
         if follow_muteness:
             self._follow(stage, layer)
         return stage
+
+    def player(self, layer: str, at: int | str | None = None,
+               load: "Usd.Stage.InitialLoadSet" = Usd.Stage.LoadAll) -> Player:
+        """Opens a stage on a layer of the project as it was at a revision or checkpoint, by default as it is now, that can be
+        moved through the history:
+
+            player = live.player("shot.usda")
+            player.seek("before lunch")
+
+        Waits for the content. All layers that it uses are read, also those of payloads that are not loaded. Raises an Error:
+        those of `open_stage(at=)`, without `invalidConfiguration`: without addresses, only layers are found."""
+        return Player(self, layer, 0 if at is None else self._revision_at(at), load)
 
     def _past_stage(self, layer: str, at: int | str, load: "Usd.Stage.InitialLoadSet", follow_muteness: bool) -> Usd.Stage:
         stage = open_at(self._client.address_at(layer, self._revision_at(at)), load, follow_muteness)

@@ -284,6 +284,20 @@ Result<void> Client::Impl::checkReadable(const LayerId& id, Revision revision) {
     return readLayer(id, revision).map([](const auto&) {});
 }
 
+Result<void> Client::Impl::advanceUntilThere(const std::shared_ptr<client::OpenPast>& past) {
+    Stopwatch silent;
+    for (;;) {
+        if (auto done = past->advance(); !done) return done;
+        if (!past->isClosed() && !past->layers()->isThere()) tick(kBlockingBudgetMs);
+        if (past->isClosed())
+            return fail(ErrorCode::NotConnected, "the player was closed while it moved");
+        if (past->layers()->isThere()) return {};
+        if (line_.connection().wait(milliseconds(1))) silent = Stopwatch();
+        if (silent.ms() > kSilenceMs)
+            return fail(ErrorCode::NotConnected, "the server no longer answers");
+    }
+}
+
 Result<std::string> Client::Impl::addressAt(const LayerId& id, Revision revision) {
     const auto web = line_.connection().web();
     if (!files_.isStarted() || !web)

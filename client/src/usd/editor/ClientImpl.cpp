@@ -84,6 +84,7 @@ Client::Impl::Impl(std::unique_ptr<client::Connection> connection, Options optio
 }
 
 Client::Impl::~Impl() {
+    closePasts();
     {
         const pxr::SdfChangeBlock block;
         frame_.seal(layers_.live(), session_);
@@ -93,6 +94,11 @@ Client::Impl::~Impl() {
     applyApart();
     const pxr::SdfChangeBlock block;
     layers_.leaveAll();
+}
+
+void Client::Impl::closePasts() {
+    for (const auto& one : pasts_)
+        if (const auto past = one.lock()) past->close();
 }
 
 client::Session::Options Client::Impl::sessionOptions(const Options& options, const Hash& secret) {
@@ -338,6 +344,7 @@ bool Client::Impl::note(client::Event& one) {
         one);
     if (const auto* connected = std::get_if<event::Connected>(&one)) {
         line_.welcomed();
+        if (connected->leftHistory) closePasts();  // they show the one that was left
         followProject(connected->welcome.store.value_or(store_));
         layers_.followLocks();
     } else if (const auto* states = std::get_if<event::LayerStatesChanged>(&one)) {
@@ -363,7 +370,12 @@ bool Client::Impl::note(client::Event& one) {
 
 bool Client::Impl::noteError(const ErrorMessage& message) {
     if (message.request) answers_.add(*message.request, tl::unexpected(toError(message)));
-    if (message.blob) values_.failed(*message.blob);
+    if (message.blob) {
+        values_.failed(*message.blob);
+        for (const auto& one : pasts_)
+            if (const auto past = one.lock(); past && past->layers())
+                past->layers()->blobFailed(*message.blob, toError(message));
+    }
     return !message.closing || line_.closing(message, session_);
 }
 
@@ -433,6 +445,9 @@ Result<pxr::SdfLayerRefPtr> Client::Impl::unsentAsLayer(const ClientId& work,
 // --- SessionHost and LayerView
 
 bool Client::Impl::needsBlob(const Hash& hash) {
+    for (const auto& one : pasts_)
+        if (const auto past = one.lock(); past && past->layers() && past->layers()->needs(hash))
+            return true;
     return std::ranges::any_of(layers_.live().all(),
                                [&](const auto& one) { return one.second->waitsFor(hash); });
 }

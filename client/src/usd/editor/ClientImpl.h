@@ -22,6 +22,7 @@
 #include "usd/editor/ClientInternals.h"
 #include "usd/editor/LocksAndMutes.h"
 #include "usd/editor/OpenLayers.h"
+#include "usd/editor/OpenPast.h"
 #include "usd/editor/OpenRequests.h"
 #include "usd/live/EditorFrame.h"
 #include "usd/live/NeededBigValues.h"
@@ -90,6 +91,10 @@ public:
     std::optional<client::UnsentWork> leave(double timeoutMs);
     Result<std::string> addressAt(const LayerId& id, Revision revision);
 
+    /// Opens layers of the past; 0: as they are now.
+    Result<std::shared_ptr<client::OpenPast>> openPast(const LayerId& id, Revision revision);
+    /// Moves layers of the past, and waits for it.
+    Result<void> moveTo(const std::shared_ptr<client::OpenPast>& past, Revision revision);
     /// Returns an error if there is no connection, or the project has no such layer.
     [[nodiscard]] Result<void> checkLayer(const LayerId& id) const;
 
@@ -183,6 +188,8 @@ private:
     template <class Answer>
     Result<void> waitForAnswer(const std::optional<Answer>& answer);
     [[nodiscard]] Result<void> checkReadable(const LayerId& id, Revision revision);
+    void closePasts();
+    Result<void> advanceUntilThere(const std::shared_ptr<client::OpenPast>& past);
     [[nodiscard]] Error notThere() const;
     [[nodiscard]] Error notConfirmed(double timeoutMs) const;
     [[nodiscard]] std::optional<client::UnsentWork> unsent();
@@ -221,6 +228,7 @@ private:
     std::optional<usd::SdfLayerStore::Block> edits_;  // the session makes them while it advances
     TakeBack takesBack_ = nullptr;  // called in the present tick, after the editor's edits
     std::optional<Result<client::UndoResult>> takenBack_;
+    std::vector<std::weak_ptr<client::OpenPast>> pasts_;  // players move them
     int gestures_ = 0;                                    // open ones, each inside the one before
 };
 

@@ -16,6 +16,7 @@
 #include "usdlive/client/history/History.h"
 #include "usdlive/client/session/Events.h"
 #include "usdlive/client/session/Undo.h"
+#include "usdlive/client/usd/HistoryPlayer.h"
 #include "usdlive/client/usd/LoadSet.h"
 #include "usdlive/client/usd/Misuse.h"
 
@@ -202,6 +203,13 @@ public:
     /// SpecNotFound, InvalidArgument (a call within tick()), NotConnected.
     [[nodiscard]] Result<client::BlameResult> blame(const LayerId& layer, const std::string& path,
                                                     bool below = false);
+
+    /// Opens a layer of the project as it was at a revision (0: the newest one), in layers that can
+    /// be moved through the history. Waits for the content. The player must be used on this
+    /// client's thread. Errors: those of addressAt(), without InvalidConfiguration: without
+    /// addresses, only layers are found. LayerUnreadable, BlobNotFound.
+    [[nodiscard]] Result<std::unique_ptr<HistoryPlayer>> openPlayer(const LayerId& layer,
+                                                                    Revision revision = 0);
 
     // --- the frame
 
@@ -392,6 +400,7 @@ public:
 
 private:
     friend struct client::ClientInternals;
+    friend class HistoryPlayer;
 
     Client();
     class Impl;

@@ -57,6 +57,7 @@ const std::vector<ClientFunction> kFunctions{
     THROWS(layerId, pxr::SdfLayerHandle()),
     THROWS(identifierOf, kThreadLayer),
     RETURNS(addressAt, kThreadLayer, 1),
+    RETURNS(openPlayer, kThreadLayer),
     RETURNS(readLog, {}),
     RETURNS(blame, kThreadLayer, "/A"),
     THROWS(tick),
