@@ -334,6 +334,29 @@ def test_its_layers_refuse_edits_and_two_players_have_their_own(server):
         assert live.flush() and live.revision == newest
 
 
+def test_moving_writes_only_what_differs(server):
+    with connect(server, "ada") as live:
+        stage = live.open_stage("shot.usda")
+        radius = stage.GetAttributeAtPath("/World/Ball.radius")
+        revisions = []
+        for value in (2.0, 3.0, 4.0):
+            radius.Set(value)
+            assert live.flush()
+            revisions.append(live.revision)
+        stage.GetRootLayer().GetPrimAtPath("/World/Ball").name = "Planet"
+        assert live.flush()
+        player, changes = live.player("shot.usda"), []
+
+        def changed(notice, _):
+            changes.append((sorted(map(str, notice.GetResyncedPaths())), sorted(map(str, notice.GetChangedInfoOnlyPaths()))))
+
+        key = Tf.Notice.Register(Usd.Notice.ObjectsChanged, changed, player.stage)
+        for at in (revisions[2], revisions[0], revisions[1]):
+            player.seek(at)
+        key.Revoke()
+        assert "/World/Ball" in changes[0][0] and changes[1:] == [([], ["/World/Ball.radius"])] * 2
+
+
 def test_without_addresses(server):
     with usdlive.connect(server.url, user="ada", addresses=False) as live:
         revisions = history(live)
