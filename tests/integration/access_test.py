@@ -377,3 +377,29 @@ def test_rules_are_explained(project):
                        (("ann",), "LAYER"), (("ann", "root.usda", "/", "colour"), "colour")):
         ran = usdlive_("access", project, *words)
         assert ran.returncode != 0 and why in ran.stderr, (words, ran.stderr)
+
+
+def test_who_may_read_a_project_may_read_its_past_and_nobody_else(studio, project):
+    """AC3: reading is granted by project."""
+    bob = studio.join("bob", "editor")
+    stage, _ = opened(bob)
+    for number in range(3):
+        stage.GetPrimAtPath("/World").SetMetadata("comment", str(number))
+        assert bob.flush()
+    bob.close()
+    ann = studio.join("ann", "viewer")
+    newest = ann.revision
+    studio.be("ann")  # layers are fetched with the token of the user of this process
+    past, player = ann.open_stage("root.usda", at=newest - 1), ann.player("root.usda")
+    player.seek(newest - 1)
+    for one in (past, player.stage):
+        assert one.GetPrimAtPath("/World").GetMetadata("comment") == "1"
+    assert next(ann.log(by="bob")).revision == newest and ann.blame("root.usda", "/World")
+    user("role", "ann", "none", project)
+    wait(lambda: not ann.connected, ann)
+    for call in (lambda: ann.open_stage("root.usda", at=1), lambda: ann.player("root.usda"),
+                 lambda: list(ann.log()), lambda: ann.blame("root.usda", "/World")):
+        with pytest.raises(usdlive.Error) as raised:
+            call()
+        assert raised.value.code == "notConnected"
+    ann.close(timeout=0)

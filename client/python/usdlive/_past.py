@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import weakref
 
 from pxr import Sdf, Tf, Usd
@@ -14,7 +15,9 @@ def open_at(address: str, load: "Usd.Stage.InitialLoadSet", follow_muteness: boo
     try:
         stage = Usd.Stage.Open(address, load)
     except Tf.ErrorException as failed:
-        raise Error("layerUnreadable", f"cannot open {address}: {failed}") from None
+        reasons = re.findall(r": '(.*)'$", str(failed), re.MULTILINE)  # without places in the sources of OpenUSD
+        why = reasons[0].removeprefix(f"usdlive: cannot open {address}: ") if reasons else failed
+        raise Error("layerUnreadable", f"cannot open {address}: {why}") from None
     if follow_muteness:
         stage.MuteAndUnmuteLayers(_muted_on(stage.GetRootLayer()), [])
     return stage

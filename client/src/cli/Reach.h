@@ -4,7 +4,6 @@
 #include <unistd.h>
 
 #include <cstddef>
-#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
