@@ -102,17 +102,25 @@ function(usdlive_openusd_from_wheels)
 
     target_include_directories(usdlive::openusd SYSTEM INTERFACE
         ${stock} ${includes} ${USDLIVE_HEADERS_ENV}/include ${Python_INCLUDE_DIRS})
-    target_compile_definitions(usdlive::openusd INTERFACE TBB_SUPPRESS_DEPRECATED_MESSAGES=1)
+    # usd-core has Python. Without the first definition, values that we make would have no conversion to it.
+    target_compile_definitions(usdlive::openusd INTERFACE
+        PXR_PYTHON_SUPPORT_ENABLED TBB_SUPPRESS_DEPRECATED_MESSAGES=1)
     # The wheel's libraries are built by GCC. Without this definition, clang has another layout of
     # TfHashMap and TfHashSet, and so of classes that contain them.
     target_compile_definitions(usdlive::openusd INTERFACE
         $<$<CXX_COMPILER_ID:Clang>:ARCH_HAS_GNU_STL_EXTENSIONS=>)
     # The order matters. A Python extension gets the interpreter's symbols from the process.
+    set(isProgram $<STREQUAL:$<TARGET_PROPERTY:TYPE>,EXECUTABLE>)
+    set(hasPython $<NOT:$<BOOL:$<TARGET_PROPERTY:USDLIVE_WITHOUT_PYTHON>>>)
     target_link_libraries(usdlive::openusd INTERFACE ${tbb} ${usd}
-        $<$<STREQUAL:$<TARGET_PROPERTY:TYPE>,EXECUTABLE>:${Python_LIBRARIES}>)
+        $<$<AND:${isProgram},${hasPython}>:${Python_LIBRARIES}>)
     target_link_options(usdlive::openusd INTERFACE -Wl,--no-as-needed -Wl,--disable-new-dtags)
 
-    # Used by InstallOpenUsd.cmake.
+    # Used by InstallOpenUsd.cmake, WithoutPython.cmake and the Python package.
+    set(USDLIVE_USD_LIBRARY ${usd} PARENT_SCOPE)
+    file(GLOB metadata ${product}/usd_core-*.dist-info)
+    string(REGEX REPLACE ".*/usd_core-(.+)[.]dist-info$" "\\1" version "${metadata}")
+    set(USDLIVE_USD_CORE ${version} PARENT_SCOPE)
     set(USDLIVE_SITE ${usdlive_site} PARENT_SCOPE)
     set(USDLIVE_USD_SITE ${product} PARENT_SCOPE)
     set(USDLIVE_USD_HEADERS ${includes} PARENT_SCOPE)

@@ -1,6 +1,7 @@
 # Functions that build plug-ins of OpenUSD. With OpenUsd.cmake they also work in other projects, so that a
 # folder of plugins/ can be copied as the start of one (docs/plugins.md).
 include_guard()
+include(${CMAKE_CURRENT_LIST_DIR}/UsdliveExports.cmake)
 
 # Every plug-in gets its own folder below this one. PXR_PLUGINPATH_NAME may name this folder, for all of
 # them, or the folder of one.
@@ -11,18 +12,16 @@ if(NOT TARGET plugins)
     add_custom_target(plugins ALL)
 endif()
 
-# usdlive_usd_plugin(name SOURCES file... [LINK library...]): builds a plug-in with a library, from sources and
-# the plugInfo.json of the current folder. Libraries of ours are linked statically, and the plug-in exports no symbols of
-# its sources or of these.
+# usdlive_usd_plugin(name SOURCES file... [LINK library...] [EXPORTS symbol...]): builds a plug-in with a library, from
+# sources and the plugInfo.json of the current folder. Libraries of ours are linked statically. OpenUSD needs no symbol of
+# a plug-in, so that it exports only those for other callers.
 function(usdlive_usd_plugin name)
-    cmake_parse_arguments(ARG "" "" "SOURCES;LINK" ${ARGN})
+    cmake_parse_arguments(ARG "" "" "SOURCES;LINK;EXPORTS" ${ARGN})
     add_library(${name} MODULE ${ARG_SOURCES})
     target_compile_options(${name} PRIVATE ${USDLIVE_WARNINGS})
-    # usd-core has Python: without this, values would have no conversion to it.
-    target_compile_definitions(${name} PRIVATE PXR_PYTHON_SUPPORT_ENABLED MFB_PACKAGE_NAME=${name} MFB_ALT_PACKAGE_NAME=${name})
+    target_compile_definitions(${name} PRIVATE MFB_PACKAGE_NAME=${name} MFB_ALT_PACKAGE_NAME=${name})
     target_link_libraries(${name} PRIVATE usdlive::openusd ${ARG_LINK})
-    # Also those of static libraries: the program may have another version of them.
-    target_link_options(${name} PRIVATE LINKER:--exclude-libs,ALL)
+    usdlive_exports(${name} ${ARG_EXPORTS})
     set_target_properties(${name} PROPERTIES
         PREFIX "" CXX_VISIBILITY_PRESET hidden VISIBILITY_INLINES_HIDDEN ON
         LIBRARY_OUTPUT_DIRECTORY ${USDLIVE_PLUGINS}/${name})

@@ -1,12 +1,7 @@
-// Gives Python's lock away for a while. Built with Python support, without which Tf's macro is
-// empty.
+// Gives Python's lock away for a while.
 #include "usd/stage/PythonLock.h"
 
 #include <pxr/base/tf/pyLock.h>
-
-#ifndef PXR_PYTHON_SUPPORT_ENABLED
-#error "Tf would keep the lock"
-#endif
 
 namespace usdlive::stage {
 
