@@ -10,26 +10,9 @@
 
 from __future__ import annotations
 
-import importlib.metadata
+from ._openusd import check as _check_openusd
 
-USD_CORE_VERSION = "26.8"
-
-
-def _check_usd() -> None:
-    """The extension is built against one release of usd-core. Raises an error for any other one, because it
-    would crash."""
-    wanted = f"usdlive needs usd-core=={USD_CORE_VERSION}"
-    try:
-        found = importlib.metadata.version("usd-core")
-    except importlib.metadata.PackageNotFoundError:
-        raise ImportError(f"{wanted}, which is not installed in this Python.") from None
-    if found != USD_CORE_VERSION:
-        raise ImportError(f"{wanted}; this Python has usd-core=={found}.")
-
-
-_check_usd()
-
-from pxr import Sdf as _Sdf  # loads usd-core's library, which the extension uses
+_check_openusd()  # loads usd-core's library, which the extension uses
 
 from . import events, plugins  # noqa: E402
 from ._usdlive import __version__  # noqa: E402
