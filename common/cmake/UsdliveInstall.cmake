@@ -1,20 +1,33 @@
-# The installation: in a wheel the extension and the programs, otherwise the programs and the C++
-# client as a CMake package, with the OpenUSD of the build.
+# The installation: the programs and the C++ client as a CMake package, with the OpenUSD of the build; and by its name
+# the component `wheel`, the compiled part of the Python package. pyproject.toml names what is not compiled.
 include(GNUInstallDirs)
 include(CMakePackageConfigHelpers)
 
+# usdlive_install_into_wheel(target folder up): installs a target into a folder of the wheel. `up` is the path from there
+# to the folder that usd-core is installed in, too.
+function(usdlive_install_into_wheel target folder up)
+    set(wheel COMPONENT wheel EXCLUDE_FROM_ALL)
+    install(TARGETS ${target} RUNTIME DESTINATION ${folder} ${wheel} LIBRARY DESTINATION ${folder} ${wheel})
+    # A target has one INSTALL_RPATH. It is that of the CMake package, if there is one.
+    set(rpath "\\$ORIGIN/${up}/usd_core.libs")
+    set_target_properties(${target} PROPERTIES INSTALL_RPATH "$ORIGIN/${up}/usd_core.libs")
+    install(CODE "file(RPATH_SET FILE \"\$ENV{DESTDIR}\${CMAKE_INSTALL_PREFIX}/${folder}/$<TARGET_FILE_NAME:${target}>\"
+        NEW_RPATH \"${rpath}\")" ${wheel})
+endfunction()
+
 function(usdlive_install_wheel)
-    set_target_properties(_usdlive PROPERTIES INSTALL_RPATH "$ORIGIN/../usd_core.libs")
-    install(TARGETS _usdlive LIBRARY DESTINATION usdlive)
-    install(FILES ${PROJECT_BINARY_DIR}/python/usdlive/_error_code.py
-        ${PROJECT_BINARY_DIR}/python/usdlive/schemas.py DESTINATION usdlive)
-    usdlive_install_usd_plugins(usdlive/_plugins ../../../usd_core.libs)
-    # The path from bin/ of an environment, or of a system like Debian's, to the usd-core beside the
-    # package.
-    set(python lib/python${Python_VERSION_MAJOR}.${Python_VERSION_MINOR})
-    set_target_properties(usdlive usdlive-server PROPERTIES INSTALL_RPATH
-        "$ORIGIN/../${python}/site-packages/usd_core.libs;$ORIGIN/../${python}/dist-packages/usd_core.libs")
-    install(TARGETS usdlive usdlive-server RUNTIME DESTINATION ${SKBUILD_SCRIPTS_DIR})
+    set(package ${PROJECT_BINARY_DIR}/python/usdlive)
+    install(FILES ${package}/_built_for.py ${package}/_error_code.py ${package}/schemas.py
+        DESTINATION usdlive COMPONENT wheel EXCLUDE_FROM_ALL)
+    usdlive_install_into_wheel(_usdlive usdlive ..)
+    usdlive_install_into_wheel(usdlive usdlive/bin ../..)
+    usdlive_install_into_wheel(usdlive-server usdlive/bin ../..)
+    get_property(plugins GLOBAL PROPERTY usdlive_plugins)
+    install(DIRECTORY ${plugins}/ DESTINATION usdlive/_plugins COMPONENT wheel EXCLUDE_FROM_ALL PATTERN "*.so" EXCLUDE)
+    get_property(libraries GLOBAL PROPERTY usdlive_plugin_libraries)
+    foreach(library ${libraries})
+        usdlive_install_into_wheel(${library} usdlive/_plugins/${library} ../../..)
+    endforeach()
 endfunction()
 
 # All headers of client/include, and those of common and the generated ones that they include, directly or not.
@@ -91,9 +104,10 @@ function(usdlive_install_package)
     usdlive_install_headers()
 endfunction()
 
-if(SKBUILD)
+if(TARGET _usdlive AND TARGET usdlive-server AND NOT USDLIVE_OPENUSD_ROOT)
     usdlive_install_wheel()
-else()
+endif()
+if(NOT SKBUILD)
     if(NOT USDLIVE_OPENUSD_ROOT)
         include(InstallOpenUsd)
     endif()

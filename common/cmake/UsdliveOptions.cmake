@@ -17,6 +17,9 @@ if(NOT CMAKE_BUILD_TYPE)
 endif()
 # Without NDEBUG, because asserts are on in every build.
 set(CMAKE_CXX_FLAGS_RELEASE "-O2 -g1")
+if(SKBUILD)  # what pip builds is stripped
+    set(CMAKE_CXX_FLAGS_RELEASE "-O2")
+endif()
 set(CMAKE_CXX_FLAGS_DEBUG "-O0 -g")
 
 # ccache reuses precompiled headers only if it ignores their macros and times, and only with hashes

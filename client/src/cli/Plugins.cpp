@@ -17,13 +17,13 @@ namespace fs = std::filesystem;
 std::vector<fs::path> possibleFolders() {
     std::error_code ignored;
     const fs::path programs = fs::read_symlink("/proc/self/exe", ignored).parent_path();
-    std::vector<fs::path> folders{programs.parent_path() / "usd-plugins"};
+    // In a build, and in a Python package.
+    std::vector<fs::path> folders{programs.parent_path() / "usd-plugins", programs.parent_path() / "_plugins"};
     // An installation has them beside OpenUSD, whose plug-ins are in pxr/pluginfo/NAME/resources.
     if (const auto sdf = pxr::PlugRegistry::GetInstance().GetPluginWithName("sdf")) {
         const fs::path resources = sdf->GetResourcePath();
         const fs::path site = (resources / "../../../..").lexically_normal();
         folders.push_back(site / "plugins");
-        folders.push_back(site / "usdlive/_plugins");
     }
     folders.push_back(programs.parent_path() / "lib/usdlive/plugins");
     return folders;
