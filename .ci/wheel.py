@@ -48,7 +48,8 @@ def system_libraries():
 
 def license_of(library, files):
     """The Debian package of a library that auditwheel has copied, and the file with its licence."""
-    original = files[re.sub(r"-[0-9a-f]{8}(?=[.]so)", "", library.name)]
+    original = files.get(re.sub(r"-[0-9a-f]{8}(?=[.]so)", "", library.name))
+    assert original, f"{library.name} is of no library of this system: where is its licence, and should a wheel carry it?"
     package = output("dpkg", "-S", f"*{str(original).removeprefix('/usr')}").split(":")[0]
     return package, pathlib.Path("/usr/share/doc", package, "copyright")
 
