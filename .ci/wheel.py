@@ -1,8 +1,8 @@
 """Makes a wheel for any Linux of a build: `wheel.py BUILD FOLDER`. Compiles nothing.
 
 The wheel carries the system's libraries that it needs, with their licences, and has the tag of the oldest systems that
-all of them run on. OpenUSD's libraries stay those of usd-core, so that a process has one copy of them. Prints the path of
-the wheel, its size and its tag.
+all of them run on. OpenUSD's libraries stay those of usd-core, so that a process has one copy of them. The wheel of
+usdlive-omni is made beside it. Prints the path of the wheel, its size and its tag.
 """
 
 import os
@@ -22,11 +22,15 @@ def output(*command, **options):
     return subprocess.run([str(word) for word in command], check=True, text=True, stdout=subprocess.PIPE, **options).stdout
 
 
+def pip_wheel(source, folder, *options):
+    output(sys.executable, "-m", "pip", "wheel", source, "--disable-pip-version-check", "--no-deps", "--no-build-isolation",
+           "--wheel-dir", folder, *options)
+
+
 def wheel_of_build(build, folder):
     """Returns the wheel for this machine."""
-    output(sys.executable, "-m", "pip", "wheel", CHECKOUT, "--disable-pip-version-check", "--no-deps", "--no-build-isolation",
-           "--wheel-dir", folder, "--config-settings=cmake.source-dir=common/cmake/wheel",
-           f"--config-settings=cmake.define.USDLIVE_BUILD={build}")
+    pip_wheel(CHECKOUT, folder, "--config-settings=cmake.source-dir=common/cmake/wheel",
+              f"--config-settings=cmake.define.USDLIVE_BUILD={build}")
     return next(folder.glob("usdlive-*.whl"))
 
 
@@ -69,11 +73,12 @@ def add_licenses(wheel):
 def main(build, folder):
     folder = pathlib.Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    for old in folder.glob("usdlive-*.whl"):
+    for old in folder.glob("usdlive*.whl"):
         old.unlink()
     with tempfile.TemporaryDirectory() as raw:
         wheel = repair(wheel_of_build(pathlib.Path(build).absolute(), pathlib.Path(raw)), folder)
     add_licenses(wheel)
+    pip_wheel(CHECKOUT / "client" / "python" / "omni_shim", folder)
     print(f"{wheel}: {wheel.stat().st_size / 1e6:.1f} MB, {wheel.stem.rsplit('-', 1)[-1]}")
 
 

@@ -52,7 +52,9 @@ def see() -> dict:
     stage = live.open_stage("shot.usda")
     until(lambda: stage.GetAttributeAtPath("/A.x").Get() == 7.0, live)
     resolved = Usd.Stage.Open(URL.replace("ws:", "usdlive:") + "/shot.usda")
-    return {"seen": stage.GetAttributeAtPath("/A.x").Get(), "resolved": resolved.GetAttributeAtPath("/A.x").Get()}
+    import omni.usd
+
+    return {"omni": omni.usd.__name__, "seen": stage.GetAttributeAtPath("/A.x").Get(), "resolved": resolved.GetAttributeAtPath("/A.x").Get()}
 
 
 print(json.dumps(see() if sys.argv[1:] else edit()))

@@ -47,7 +47,7 @@ def wheel(tmp_path_factory) -> pathlib.Path:
     folder = tmp_path_factory.mktemp("wheels")
     makers = CHECKOUT / "build" / "env" / "wheel" / "bin" / "python"
     output(makers, CHECKOUT / ".ci" / "wheel.py", os.environ["USDLIVE_BUILD"], folder)
-    return next(folder.glob("*.whl"))
+    return next(folder.glob("usdlive-*.whl"))
 
 
 @pytest.fixture(scope="module")
@@ -156,7 +156,8 @@ def root(wheel, tmp_path_factory):
     for name in ("proc", "dev", "tmp", "project", "wheels"):
         (root / name).mkdir()
     copy_python(root)
-    shutil.copy(wheel, root / "wheels")
+    for one in wheel.parent.glob("*.whl"):
+        shutil.copy(one, root / "wheels")
     wheel_of_installed("usd-core", root / "wheels")
     shutil.copytree(pip.__path__[0], root / "pip" / "pip")
     python = os.path.realpath(sys.executable)
@@ -164,7 +165,7 @@ def root(wheel, tmp_path_factory):
     start = time.monotonic()
     in_root(root, "/venv/bin/python", "-c", "import sys; sys.path.insert(0, '/pip')\n"
             "from pip._internal.cli.main import main\n"
-            "sys.exit(main(['install', '-q', '--no-index', '--find-links', '/wheels', 'usdlive']))")
+            "sys.exit(main(['install', '-q', '--no-index', '--find-links', '/wheels', 'usdlive-omni']))")
     return root, time.monotonic() - start
 
 
@@ -175,7 +176,7 @@ def test_the_wheel_edits_live_on_a_bare_linux(root, capfd):
     (root / "project" / "shot.usda").write_text('#usda 1.0\ndef "A"\n{\n    double x = 1\n}\n')
     shutil.copy(pathlib.Path(__file__).with_name("bare.py"), root / "bare.py")
     answer = json.loads(in_root(root, "/venv/bin/python", "/bare.py").splitlines()[-1])
-    assert answer["seen"] == answer["resolved"] == 7.0
+    assert answer["seen"] == answer["resolved"] == 7.0 and answer["omni"] == "usdlive.omni.usd"
     assert "double x = 7" in answer["cat"]
     for name in ("server", "editor"):
         libraries = answer["libraries"][name]
