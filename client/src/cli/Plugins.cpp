@@ -18,7 +18,8 @@ std::vector<fs::path> possibleFolders() {
     std::error_code ignored;
     const fs::path programs = fs::read_symlink("/proc/self/exe", ignored).parent_path();
     // In a build, and in a Python package.
-    std::vector<fs::path> folders{programs.parent_path() / "usd-plugins", programs.parent_path() / "_plugins"};
+    std::vector<fs::path> folders{programs.parent_path() / "usd-plugins",
+                                  programs.parent_path() / "_plugins"};
     // An installation has them beside OpenUSD, whose plug-ins are in pxr/pluginfo/NAME/resources.
     if (const auto sdf = pxr::PlugRegistry::GetInstance().GetPluginWithName("sdf")) {
         const fs::path resources = sdf->GetResourcePath();
