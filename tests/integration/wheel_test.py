@@ -45,8 +45,9 @@ def output(*command, **options) -> str:
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory) -> pathlib.Path:
     folder = tmp_path_factory.mktemp("wheels")
-    makers = CHECKOUT / "build" / "env" / "wheel" / "bin" / "python"
-    output(makers, CHECKOUT / ".ci" / "wheel.py", os.environ["USDLIVE_BUILD"], folder)
+    python = CHECKOUT / "build" / "env" / "wheel" / "bin" / "python"
+    assert python.exists(), "the environment that makes wheels is missing: ./run setup creates it"
+    output(python, CHECKOUT / ".ci" / "wheel.py", os.environ["USDLIVE_BUILD"], folder)
     return next(folder.glob("usdlive-*.whl"))
 
 

@@ -70,7 +70,7 @@ def _loaded_libraries() -> list[str] | None:
     """The libraries of OpenUSD in this process; None where they cannot be listed."""
     try:
         with open("/proc/self/maps", encoding="utf-8", errors="surrogateescape") as maps:
-            paths = {line.rstrip("\n").split(maxsplit=5)[-1] for line in maps}
+            paths = {line.rstrip("\n").removesuffix(" (deleted)").split(maxsplit=5)[-1] for line in maps}
     except OSError:
         return None
     return sorted(path for path in paths if _SDF.search(path))
