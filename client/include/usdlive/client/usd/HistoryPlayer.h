@@ -18,13 +18,13 @@ class Client;
 /// that the stage composes what has changed.
 ///
 /// Belongs to the thread of the client that has made it. When the client has ended, or has joined
-/// another history (Client::joinOtherHistory()), the layers stay
-/// as they are, and functions that return a Result return NotConnected.
+/// another history (Client::joinOtherHistory()), the layers stay as they are, and functions that
+/// return a Result return NotConnected.
 ///
-///     auto player = client->openPlayer(usdlive::LayerId{"shot.usda"});
+///     auto player = live.openPlayer(usdlive::LayerId{"shot.usda"});
 ///     auto moved = (*player)->seek((*player)->first());
 ///     (*player)->play(10);
-///     for (;;) { client->tick(); (*player)->tick(); draw(); }
+///     for (;;) { live.tick(); (*player)->tick(); editAndDraw(); }
 class HistoryPlayer {
 public:
     HistoryPlayer(const HistoryPlayer&) = delete;
