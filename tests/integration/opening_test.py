@@ -36,17 +36,16 @@ def test_many_layers_open_while_the_editor_ticks(server, uncollected):
         ends = ends_of(live)
         requests = {live.request_open_layer(f"many/{number}.usda"): f"many/{number}.usda" for number in range(MANY)}
         assert not ends and live.opened_layer("many/0.usda") is None
-        took, opened, limit = [], [], time.monotonic() + 120
+        took, limit = [], time.monotonic() + 120
         while len(ends) < MANY:
-            start, before = time.thread_time(), len(ends)  # not the wall's time: others use the machine, too
+            start = time.thread_time()  # not the wall's: others use the machine, too
             assert time.monotonic() < limit, len(ends)
             live.tick(4.0)
             took.append(time.thread_time() - start)
-            opened.append(len(ends) - before)
         assert {end.request: end.layer for end in ends} == requests
         assert all(isinstance(end, events.LayerOpened) for end in ends)
         assert sorted(took)[len(took) // 2] < 0.012, "half of the ticks kept about their budget"
-        assert max(opened) < MANY / 2, "one tick opened most of the layers"
+        assert sum(one > 0.001 for one in took) >= 5, "few ticks did all of the work"
         assert live.opened_layer("many/499.usda").GetPrimAtPath("/P499")
 
 
