@@ -186,6 +186,7 @@ def test_a_revision_that_cannot_be_read_is_an_error_that_says_which_can(server):
         assert found == "futureRevision" and f"the newest is {newest}" in text
         assert code("shot.usda", at=0)[0] == code("shot.usda", at=-1)[0] == "invalidArgument"
         assert "no checkpoint 'supper'" in code("shot.usda", at="supper")[1]
+        assert "1.5 is neither a revision" in code("shot.usda", at=1.5)[1]
         assert code("none.usda", at=1)[0] == "layerNotFound"
         checkpoint = next(one for one in live.checkpoints() if one.name == "lunch")
         run("compact", server.url, "--days", "0")  # not beyond the checkpoint

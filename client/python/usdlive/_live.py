@@ -290,10 +290,12 @@ class Live:
 
     def _revision_at(self, at: int | str) -> int:
         """Returns the revision that a user means by a number or by the name of a checkpoint."""
-        if not isinstance(at, str):
+        if isinstance(at, int):
             if at < 1:
                 raise Error("invalidArgument", f"there is no revision {at}: revisions count from 1")
             return at
+        if not isinstance(at, str):
+            raise Error("invalidArgument", f"{at!r} is neither a revision (a whole number) nor the name of a checkpoint")
         for one in self.checkpoints():
             if one.name == at:
                 return one.revision
