@@ -177,7 +177,7 @@ Result<void> PastLayers::begin() {
     } else {
         auto docs = timeline_.at(target_);
         if (!docs) return tl::unexpected(docs.error());
-        next_.emplace();
+        next_ = Next{};
         next_->revision = target_;
         next_->docs = *std::move(docs);
     }
@@ -218,7 +218,7 @@ Result<void> PastLayers::take(Asked asked) {
     if (asked.error) return tl::unexpected(*asked.error);
     switch (asked.purpose) {
         case Asked::For::Restart:
-            next_.emplace();
+            next_ = Next{};
             next_->revision = asked.revision;
             next_->restarts = true;
             for (auto& [id, doc] : asked.docs) {
