@@ -13,9 +13,10 @@
 namespace usdlive::client {
 
 /// Layers at the revisions of a part of the history: their contents at its first revision, and the
-/// commits since. Contents of later revisions are made of these, and some are kept, so that going
-/// back costs no more than going forward. All contents share structure and the ids of their specs,
-/// so that difference() of two of them costs in proportion to what has changed.
+/// commits since. Contents of later revisions are made of these, and some are kept: a step back
+/// costs at most kKeptEvery commits, and one forward costs one. All contents share structure and
+/// the ids of their specs, so that difference() of two of them costs in proportion to what has
+/// changed.
 ///
 /// Bounded: at most about kMostCommits, those that are farthest from the revision that was asked
 /// for last are forgotten.

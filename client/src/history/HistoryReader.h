@@ -30,10 +30,17 @@ public:
     [[nodiscard]] virtual Result<Content> readLayer(const LayerId& layer, Revision revision) = 0;
 };
 
+/// Chooses the result if the history begins after the oldest commit that was asked for, because a
+/// base was made since the connection.
+enum class AtBase {
+    Fail,  ///< the error is HistoryReplaced; some commits were visited
+    End    ///< the first commit that is there is the last one that is visited
+};
+
 /// Calls `visit` with the commits from `newest` back to `oldest`, until it returns false. Reads
-/// them in pages. Ends where the history begins, if that is later.
+/// them in pages.
 [[nodiscard]] Result<void> readBackward(HistoryReader& reader, Revision newest, Revision oldest,
                                         const std::function<bool(const Commit&)>& visit,
-                                        Revision page = 1'000);
+                                        AtBase atBase = AtBase::Fail, Revision page = 1'000);
 
 }  // namespace usdlive::client

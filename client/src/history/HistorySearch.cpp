@@ -112,7 +112,7 @@ Result<LogPage> searchLog(HistoryReader& reader, const LogQuery& query) {
             page.end = LogPage::End::More;
             return false;
         },
-        isPlain ? std::clamp<Revision>(query.limit, 1, kReadAtOnce) : kReadAtOnce);
+        AtBase::End, isPlain ? std::clamp<Revision>(query.limit, 1, kReadAtOnce) : kReadAtOnce);
     if (!read) return tl::unexpected(read.error());
     page.next.filter.path = search.formerPath();
     return page;
@@ -128,11 +128,13 @@ Result<BlameResult> findBlame(HistoryReader& reader, const LayerId& layer, const
     Blame blame = field.empty() ? Blame(now->doc, layer, spec,
                                         below ? Blame::Depth::Below : Blame::Depth::Spec)
                                 : Blame(now->doc, layer, spec, field);
-    const auto read =
-        readBackward(reader, now->revision, reader.base() + 1, [&](const auto& commit) {
+    const auto read = readBackward(
+        reader, now->revision, reader.base() + 1,
+        [&](const auto& commit) {
             blame.add(commit);
             return !blame.isComplete();
-        });
+        },
+        AtBase::End);
     if (!read) return tl::unexpected(read.error());
     BlameResult result{now->revision, std::move(now->doc), {}};
     Priors priors(reader, layer);
