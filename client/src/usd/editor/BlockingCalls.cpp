@@ -26,6 +26,15 @@ constexpr double kSlowDiskBytesPerMs = 5'000;
 // The budget for each tick of a blocking call.
 constexpr double kBlockingBudgetMs = 50;
 
+Error noRevisionZero() {
+    return {ErrorCode::InvalidArgument, "there is no revision 0: revisions count from 1"};
+}
+
+Error noRevisionYet(Revision revision, Revision newest) {
+    return {ErrorCode::FutureRevision, "there is no revision " + std::to_string(revision) +
+                                           " yet: the newest is " + std::to_string(newest)};
+}
+
 }  // namespace
 
 Result<void> Client::Impl::greet() {
@@ -269,19 +278,39 @@ Result<void> Client::Impl::checkReadable(const LayerId& id, Revision revision) {
     if (newest == 0)
         return fail(ErrorCode::FutureRevision,
                     "the project has no history yet: open a layer of it first");
-    if (revision == 0)
-        return fail(ErrorCode::InvalidArgument, "there is no revision 0: revisions count from 1");
+    if (revision == 0) return tl::unexpected(noRevisionZero());
     if (revision == newest) return {};
     const Revision asked = revision < newest ? revision + 1 : revision;
     const auto read = readLog(asked, asked);
     if (read) return {};
     if (read.error().code == ErrorCode::FutureRevision)
-        return fail(ErrorCode::FutureRevision, "there is no revision " + std::to_string(revision) +
-                                                   " yet: the newest is " +
-                                                   std::to_string(session_.revision()));
+        return tl::unexpected(noRevisionYet(revision, session_.revision()));
     if (read.error().code != ErrorCode::HistoryReplaced) return tl::unexpected(read.error());
     // The error of the server says which revision is the oldest.
     return readLayer(id, revision).map([](const auto&) {});
+}
+
+Result<std::shared_ptr<client::OpenPast>> Client::Impl::openPast(const LayerId& id,
+                                                                 Revision revision) {
+    const Revision at = revision > 0 ? revision : newest();
+    if (auto readable = checkReadable(id, at); !readable) return tl::unexpected(readable.error());
+    auto layers =
+        client::PastLayers::create({session_, values_.cache(), filler_}, id,
+                                   files_.isStarted() ? line_.connection().web() : std::nullopt);
+    if (!layers) return tl::unexpected(layers.error());
+    const auto past = std::make_shared<client::OpenPast>(std::move(*layers));
+    std::erase_if(pasts_, [](const auto& one) { return one.expired(); });
+    pasts_.push_back(past);
+    if (auto moved = moveTo(past, at); !moved) return tl::unexpected(moved.error());
+    return past;
+}
+
+Result<void> Client::Impl::moveTo(const std::shared_ptr<client::OpenPast>& past,
+                                  Revision revision) {
+    if (revision == 0) return tl::unexpected(noRevisionZero());
+    if (revision > newest()) return tl::unexpected(noRevisionYet(revision, newest()));
+    past->layers()->aim(revision);
+    return advanceUntilThere(past);
 }
 
 Result<void> Client::Impl::advanceUntilThere(const std::shared_ptr<client::OpenPast>& past) {

@@ -155,31 +155,4 @@ Result<std::unique_ptr<HistoryPlayer>> Client::openPlayer(const LayerId& layer, 
     return std::unique_ptr<HistoryPlayer>(new HistoryPlayer(std::move(state)));
 }
 
-Result<std::shared_ptr<client::OpenPast>> Client::Impl::openPast(const LayerId& id,
-                                                                 Revision revision) {
-    const Revision at = revision > 0 ? revision : newest();
-    if (auto readable = checkReadable(id, at); !readable) return tl::unexpected(readable.error());
-    auto layers =
-        client::PastLayers::create({session_, values_.cache(), filler_}, id,
-                                   files_.isStarted() ? line_.connection().web() : std::nullopt);
-    if (!layers) return tl::unexpected(layers.error());
-    const auto past = std::make_shared<client::OpenPast>(std::move(*layers));
-    std::erase_if(pasts_, [](const auto& one) { return one.expired(); });
-    pasts_.push_back(past);
-    if (auto moved = moveTo(past, at); !moved) return tl::unexpected(moved.error());
-    return past;
-}
-
-Result<void> Client::Impl::moveTo(const std::shared_ptr<client::OpenPast>& past,
-                                  Revision revision) {
-    if (revision == 0)
-        return fail(ErrorCode::InvalidArgument, "there is no revision 0: revisions count from 1");
-    if (revision > newest())
-        return fail(ErrorCode::FutureRevision, "there is no revision " + std::to_string(revision) +
-                                                   " yet: the newest is " +
-                                                   std::to_string(newest()));
-    past->layers()->aim(revision);
-    return advanceUntilThere(past);
-}
-
 }  // namespace usdlive
