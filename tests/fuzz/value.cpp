@@ -4,17 +4,13 @@
 
 #include "Fuzz.h"
 #include "unit/common/layer/RandomValue.h"
+#include "usdlive/common/layer/NoBlobs.h"
 #include "usdlive/common/usd/TfComplaints.h"
 #include "usdlive/common/usd/ValueCodec.h"
 
 using namespace usdlive;
 
 namespace {
-
-struct NoBlobs final : BlobSource, BlobSink {
-    SharedBytes blob(const Hash&) override { return nullptr; }
-    void keepBlob(const Hash&, SharedBytes) override {}
-};
 
 /// Checks that USD returns a value unchanged if it accepts it.
 void throughUsd(const pxr::TfToken& field, const FieldValue& value) {

@@ -8,6 +8,7 @@
 #include "Fields.h"
 #include "cli/Json.h"
 #include "usdlive/common/core/UserColour.h"
+#include "usdlive/common/layer/NoBlobs.h"
 
 namespace nb = nanobind;
 
@@ -163,11 +164,15 @@ nb::dict convert(const client::event::UploadFailed& event) {
     return d;
 }
 
-nb::list editsOf(const Commit& commit) {
+// Sets who has made a commit, and when, and its edits.
+void put(nb::dict& d, const Commit& commit) {
+    d["user"] = text(commit.user.value);
+    d["client"] = text(commit.id.client.value);
+    d["time"] = double(commit.timeMs) / 1000.0;
     nb::list edits;
     for (const Edit& edit : commit.edits)
         edits.append(toDictionary(edit.layer, edit.address.path, edit.action));
-    return edits;
+    d["edits"] = edits;
 }
 
 nb::dict convert(const client::event::Committed& event) {
@@ -176,10 +181,7 @@ nb::dict convert(const client::event::Committed& event) {
     d["revision"] = commit.revision;
     d["conflated"] = commit.conflated;
     d["missed"] = event.missed;
-    d["user"] = text(commit.user.value);
-    d["client"] = text(commit.id.client.value);
-    d["time"] = double(commit.timeMs) / 1000.0;
-    d["edits"] = editsOf(commit);
+    put(d, commit);
     return d;
 }
 
@@ -290,18 +292,13 @@ nb::dict toDictionary(const client::OtherHistory& other) {
 nb::dict toDictionary(const Commit& commit) {
     nb::dict d;
     d["revision"] = commit.revision;
-    d["user"] = text(commit.user.value);
-    d["client"] = text(commit.id.client.value);
-    d["time"] = double(commit.timeMs) / 1000.0;
-    d["edits"] = editsOf(commit);
+    put(d, commit);
     d["imported"] = commit.imported ? nb::object(text(commit.imported->value)) : nb::none();
     return d;
 }
 
 nb::dict toDictionary(const client::BlamedContent& one) {
-    class NoValues final : public BlobSource {
-        SharedBytes blob(const Hash&) override { return nullptr; }
-    } none;
+    NoBlobs none;
     const auto json = [&none](const std::optional<FieldValue>& value) {
         return value ? nb::object(text(cli::line(cli::toJson(*value, none)))) : nb::none();
     };

@@ -11,6 +11,7 @@
 
 #include "cli/ValueShape.h"
 #include "usdlive/common/core/ByteStream.h"
+#include "usdlive/common/layer/NoBlobs.h"
 #include "usdlive/common/layer/SpecPath.h"
 
 namespace usdlive::cli {
@@ -218,10 +219,6 @@ std::string textField(const LayerDoc& doc, const std::string& path, std::string_
     const Value* value = field ? field->as<Value>() : nullptr;
     return std::string(value ? textOf(*value).value_or("") : "");
 }
-
-class NoBlobs final : public BlobSource {
-    SharedBytes blob(const Hash&) override { return nullptr; }
-};
 
 Json branchesBelow(const LayerDoc& doc, const std::string& path);
 

@@ -16,18 +16,13 @@
 
 #include "LeafCodec.h"
 #include "usdlive/common/core/ByteStream.h"
+#include "usdlive/common/layer/NoBlobs.h"
 
 namespace usdlive::usd {
 
 using pxr::VtValue;
 
 namespace {
-
-class NoBlobs final : public BlobSink, public BlobSource {
-public:
-    void keepBlob(const Hash&, SharedBytes) override {}
-    SharedBytes blob(const Hash&) override { return nullptr; }
-};
 
 // The number type of a value, the count of its numbers, and the number of tuples in its text.
 struct Shape {

@@ -13,6 +13,7 @@
 
 #include "usdlive/common/core/ByteStream.h"
 #include "usdlive/common/core/PercentEncoding.h"
+#include "usdlive/common/layer/NoBlobs.h"
 #include "usdlive/common/usd/NamedAssets.h"
 #include "usdlive/common/usd/ValueCodec.h"
 
@@ -26,12 +27,6 @@ std::string nameOfFile(std::string_view asset) {
     asset = asset.substr(0, std::min(asset.find('['), asset.find(":SDF_FORMAT_ARGS:")));
     return std::string(asset.substr(asset.rfind('/') + 1));
 }
-
-// The search does not wait for big values.
-class SmallValuesOnly final : public BlobSource {
-public:
-    SharedBytes blob(const Hash& /*hash*/) override { return nullptr; }
-};
 
 // The files that such a path names depend on variables.
 bool isExpression(std::string_view asset) { return asset.starts_with('`'); }
@@ -79,7 +74,7 @@ struct LateAssets::Search {
 
     void lookInClips(const LayerId& layer, const LayerDoc::SpecView& spec, const std::string& field,
                      const FieldValue& value) {
-        SmallValuesOnly none;
+        NoBlobs none;  // does not wait for big values
         Named named{layer, std::string(spec.path), field, {}, {}};
         if (const auto clips = usd::decodeValue(pxr::TfToken(field), value, none)) {
             std::set<std::string> assets;

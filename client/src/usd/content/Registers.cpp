@@ -10,6 +10,7 @@
 #include <span>
 
 #include "usd/content/SpecEdits.h"
+#include "usdlive/common/layer/NoBlobs.h"
 #include "usdlive/common/usd/ValueCodec.h"
 
 namespace usdlive::content {
@@ -24,12 +25,6 @@ namespace {
 
 using Keys = std::vector<std::string>;
 using Parts = std::map<Part, VtValue>;
-
-class NoBlobs final : public BlobSink {
-public:
-    [[nodiscard]] bool wantsBlob(const Hash&) override { return false; }
-    void keepBlob(const Hash&, SharedBytes) override {}
-};
 
 Sublayers sublayersOf(const SdfLayerHandle& layer) {
     const std::vector<std::string> paths = layer->GetSubLayerPaths();
