@@ -248,9 +248,9 @@ class Live:
 
             before = live.open_stage("shot.usda", at="before lunch")
 
-        Its layers refuse edits, are not live and stay as they are, also when this connection is closed. A layer that nobody had used by then is as it
-        was when it was first used. Files that are no layers, such as textures, have no history: they are as they are now.
-        Blocks until the server has sent what the stage composes; payloads that are loaded later are fetched then. Raises an
+        Its layers refuse edits, are not live and stay as they are, also when this connection is closed. A layer that nobody
+        had used by then is as it was when it was first used. Files that are no layers, such as textures, have no history:
+        they are as they are now. Blocks until the server has sent what the stage composes; payloads that are loaded later are fetched then. Raises an
         Error: `futureRevision` and `historyReplaced` (`usdlive compact`) say which revisions there are; `invalidArgument` (no
         such checkpoint; a notice handler during `tick()`); `layerNotFound`; `notConnected`; `invalidConfiguration` if
         `connect()` has warned that files are not found, or without `addresses`."""
