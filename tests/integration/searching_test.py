@@ -7,22 +7,9 @@ import time
 import pytest
 from conftest import connect, error_elsewhere, run, wait
 from pxr import Sdf
+from reverting_test import ROOT
 
 import usdlive
-
-ROOT = """#usda 1.0
-
-def Xform "World"
-{
-    def Sphere "Ball"
-    {
-        double radius = 1
-        double radius.timeSamples = {
-            1: 10,
-        }
-    }
-}
-"""
 
 
 @pytest.fixture

@@ -44,8 +44,8 @@ class Player:
 
     def play(self, speed: float = 1.0) -> None:
         """Lets `tick()` move the stage, `speed` times as fast as the commits were made; a negative speed moves it back, and 0
-        stops. A pause between two commits that would last longer than a second lasts one second. It stops at both ends of
-        the history."""
+        stops. A pause between two commits that would last longer than a second lasts one second. A tick passes 128
+        commits at most, however high the speed is. It stops at both ends of the history."""
         self._player.play(speed)
 
     def tick(self) -> bool:

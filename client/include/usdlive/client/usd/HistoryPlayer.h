@@ -46,8 +46,8 @@ public:
     /// not here, or the player is closed).
     Result<void> seek(Revision revision);
     /// Lets tick() move the layers, `speed` times as fast as the commits were made; negative: back.
-    /// Pauses of more than a second, as they are shown, take one second. 0 stops. It stops at both
-    /// ends of the history.
+    /// Pauses of more than a second, as they are shown, take one second. A frame passes 128 commits
+    /// at most, however high the speed is. 0 stops. It stops at both ends of the history.
     void play(double speed);
     [[nodiscard]] bool isPlaying() const;
     /// Moves the layers on if they are playing. Call it once per frame, beside Client::tick(),
