@@ -662,7 +662,8 @@ public:
         const SpecKind kind = *doc()->kind(path());
         for (const EditAction& action : *actions) {
             // ED8: an attribute has no type only before the edit that goes back next, its creation.
-            if (std::holds_alternative<EraseField>(action) && !checkTypeName(kind, action)) continue;
+            if (std::holds_alternative<EraseField>(action) && !checkTypeName(kind, action))
+                continue;
             if (auto done = make(path(), action); !done)
                 return keep(done.error().message, {}, written.field, written.own.part);
         }
