@@ -257,6 +257,24 @@ TEST(FileBlobStore, SE22TheWriterWithTheMostIncompleteValuesGivesWay) {
     EXPECT_FALSE((*store)->write(sha256(first), 10, 5, ByteView(first).subspan(5), 2));
 }
 
+TEST(FileBlobStore, SE22ManySessionsOfAUserPushOutItsOwnValues) {
+    test::TestFolder folder;
+    const auto store = createFileBlobStore(folder.path, options());
+    const auto begin = [&](unsigned seed, const BlobWriter& writer) {
+        const Bytes value = someBytes(10, seed);
+        EXPECT_EQ((*store)->write(sha256(value), 10, 0, ByteView(value).first(5), writer), false);
+    };
+    begin(50, {1, "user ann"});
+    begin(51, {1, "user ann"});
+    for (unsigned seed = 0; seed < 10; ++seed) begin(seed, {100 + seed, "user eve"});
+    for (const unsigned seed : {50, 51}) {
+        const Bytes mine = someBytes(10, seed);
+        EXPECT_EQ((*store)->write(sha256(mine), 10, 5, ByteView(mine).subspan(5), {1, "user ann"}),
+                  true)
+            << "ann's session has the most values, but eve's have more";
+    }
+}
+
 std::ptrdiff_t unfinishedFiles(const test::TestFolder& folder) {
     const auto files = std::filesystem::directory_iterator(folder.path / "unfinished");
     return std::distance(begin(files), end(files));

@@ -29,6 +29,7 @@ std::vector<Bytes> fuzz::seeds() {
                    {{{"a.usda"}}}},
              Welcome{1, {"history"}, "film", 3, 7, hash, true, {{layer}}, 1 << 26, 1 << 30},
              LayerList{{layer}, {{"b.usda"}}},
+             ShowToken{"0123"},
              KeepLayers{{layer}},
              ProjectLayers{{{layer}}},
              OpenLayer{1, layer, 5},

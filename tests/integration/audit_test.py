@@ -249,7 +249,9 @@ def test_rules_are_changed_by_commands(studio):
     for words, why in ((("deny", "--user", "bob"), "'bob'"), (("deny", "--role", "boss"), "boss"),
                        (("grant", "--kind", "colour"), "colour"), (("grant", "--action", "dance"), "dance"),
                        (("deny", "--action", "save", "--path", "/World"), "two rules"), (("grant", "--path", "World"), "begin with /"),
-                       (("grant", "--layer", "nothing/*"), "'nothing/*'"), (("revoke", "3"), "no rule 3"),
+                       (("grant", "--layer", "nothing/*"), "'nothing/*'"),
+                       (("grant", "--path", "/World/Nobody/**"), "'/World/Nobody/**'"),
+                       (("grant", "--path", "/World/**", "--path", "/Worlds"), "'/Worlds'"), (("revoke", "3"), "no rule 3"),
                        (("revoke", "0"), "no rule 0"), (("revoke",), "NUMBER"), (("revoke", "x"), "NUMBER")):
         ran = run(*words)
         assert ran.returncode != 0 and why in ran.stderr, (words, ran.stderr)

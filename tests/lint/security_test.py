@@ -26,7 +26,8 @@ def exists(name, suites):
 
 
 def test_each_claim_has_tests_that_exist():
-    sources = "\n".join(path.read_text(encoding="utf-8") for path in (ROOT / "tests" / "unit").rglob("*Test.cpp"))
+    files = [path for kind in ("unit", "contract") for path in (ROOT / "tests" / kind).rglob("*Test.cpp")]
+    sources = "\n".join(path.read_text(encoding="utf-8") for path in files)
     suites = {f"{suite}.{test}" for suite, test in re.findall(r"^TEST(?:_[FP])?\((\w+),\s*(\w+)\)", sources, re.MULTILINE)}
     claims, tests = rows("What is protected"), dict(rows("The test of each claim"))
     assert [claim for claim, _ in claims] == list(tests)

@@ -221,7 +221,7 @@ public:
     void sendBeside(SessionId, std::vector<SharedBytes>) override { notModelled(); }
     void findBlobs(std::vector<Hash>) override { notModelled(); }
     void sendBlob(SessionId, const Hash&, std::uint64_t) override { notModelled(); }
-    void writeBlob(SessionId, BlobFrame) override { notModelled(); }
+    void writeBlob(SessionId, const std::string&, BlobFrame) override { notModelled(); }
     void removeUnfinished(SessionId) override { notModelled(); }
     void saveLayers(SessionId, std::uint64_t, std::vector<SaveJob>) override { notModelled(); }
     void checkFile(const LayerId&) override { notModelled(); }

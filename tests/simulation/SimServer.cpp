@@ -446,7 +446,7 @@ void SimServer::findBlobs(std::vector<Hash> hashes) {
           });
 }
 
-void SimServer::writeBlob(SessionId session, BlobFrame part) {
+void SimServer::writeBlob(SessionId session, const std::string& /*share*/, BlobFrame part) {
     blobUs_ = std::max(blobUs_, clock_.nowUs() + diskUs());
     later(blobUs_ - clock_.nowUs(), [this, session, part = std::move(part)] {
         if (disk.blobs->has(part.hash))

@@ -1,11 +1,14 @@
 // Prints and changes access rules, and decides as the server does.
 #include "usdlive/server/app/AccessCommands.h"
 
+#include <stdlib.h>
+
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
 #include <chrono>
 #include <filesystem>
+#include <fstream>
 #include <iostream>
 #include <optional>
 #include <set>
@@ -13,19 +16,24 @@
 #include <thread>
 #include <vector>
 
+#include "usdlive/common/core/PercentEncoding.h"
 #include "usdlive/common/core/Utf8.h"
+#include "usdlive/common/fetch/UsdliveServer.h"
 #include "usdlive/common/layer/SpecPath.h"
 #include "usdlive/server/app/AdminCommands.h"
 #include "usdlive/server/app/RunningServer.h"
 #include "usdlive/server/auth/AccessRulesFile.h"
 #include "usdlive/server/auth/Accounts.h"
 #include "usdlive/server/files/LayerFiles.h"
+#include "usdlive/server/files/PrimSearch.h"
 
 namespace usdlive::server {
 
 namespace {
 
 constexpr std::chrono::milliseconds kTakenTime{3'000}, kTakenLook{20};
+constexpr unsigned kHttpOk = 200;
+constexpr const char* kUnless = ". With --unchecked it is added nevertheless";
 
 struct Asked {
     std::filesystem::path folder;
@@ -111,25 +119,97 @@ Result<void> answer(const Asked& asked) {
     return {};
 }
 
-/// Returns an error if the rule names a user or layers that do not exist.
+/// A folder for files of this process, until it is destroyed.
+class TemporaryFolder {
+public:
+    TemporaryFolder() {
+        std::error_code ignored;
+        std::string name = (std::filesystem::temp_directory_path(ignored) / "usdlive-XXXXXX");
+        if (::mkdtemp(name.data())) path_ = name;
+    }
+    ~TemporaryFolder() {
+        std::error_code ignored;
+        if (!path_.empty()) std::filesystem::remove_all(path_, ignored);
+    }
+    TemporaryFolder(const TemporaryFolder&) = delete;
+    TemporaryFolder& operator=(const TemporaryFolder&) = delete;
+
+    /// Returns the path of a new file with the content; nothing if it cannot be written.
+    [[nodiscard]] std::optional<std::filesystem::path> write(const std::string& name,
+                                                             const std::string& content) const {
+        if (path_.empty()) return std::nullopt;
+        const std::filesystem::path file = path_ / name;
+        std::ofstream stream(file, std::ios::binary);
+        stream << content;
+        stream.close();
+        return stream ? std::optional(file) : std::nullopt;
+    }
+
+private:
+    std::filesystem::path path_;
+};
+
+/// Returns the layer's content as the running server has it; nothing if none answers.
+std::optional<std::string> servedContent(const std::filesystem::path& folder,
+                                         const LayerId& layer) {
+    const auto server = RunningServer::find(folder);
+    const std::size_t scheme = server ? server->url.find("://") : std::string::npos;
+    if (scheme == std::string::npos) return std::nullopt;
+    const std::string_view address = std::string_view(server->url).substr(scheme + 3);
+    const std::size_t slash = std::min(address.find('/'), address.size());
+    auto origin = fetch::parseOrigin(address.substr(0, slash), 0);
+    if (!origin) return std::nullopt;
+    origin->isSecure = server->url.starts_with("wss");
+    const std::string target =
+        std::string(address.substr(slash)) + "/files/" + percentEncoded(layer.value);
+    auto answer = fetch::getFromServer({*origin, target}, {});
+    if (!answer || answer->status != kHttpOk) return std::nullopt;
+    return std::move(answer->body);
+}
+
+/// Returns an error if the rule names prims that no layer has which it is about.
+Result<void> checkPaths(const Changed& changed, const std::vector<LayerId>& layers) {
+    std::vector<std::string> missing;
+    for (const std::string& glob : changed.paths)
+        if (glob.starts_with('/')) missing.push_back(glob);  // AccessRulesFile refuses others
+    const auto isLast = [&](std::string_view path) {
+        std::erase_if(missing, [&](const std::string& glob) { return matchesGlob(glob, path); });
+        return missing.empty();
+    };
+    const TemporaryFolder folder;
+    for (const LayerId& layer : layers) {
+        if (missing.empty()) break;
+        const auto isOf = [&](const std::string& glob) { return matchesGlob(glob, layer.value); };
+        if (!changed.layers.empty() && std::ranges::none_of(changed.layers, isOf)) continue;
+        std::filesystem::path file = changed.folder / layer.value;
+        if (const auto served = servedContent(changed.folder, layer))
+            file = folder.write("layer" + file.extension().string(), *served).value_or(file);
+        // A layer that cannot be read has no prims that a rule could be about.
+        static_cast<void>(hasPrim(layer, file, isLast));
+    }
+    if (missing.empty()) return {};
+    return fail(ErrorCode::InvalidArgument, "no prim in the layers of " + changed.folder.string() +
+                                                " matches " + inQuotes(missing.front()) + kUnless);
+}
+
+/// Returns an error if the rule names a user, layers or prims that do not exist.
 Result<void> check(const Changed& changed) {
-    const std::string unless = ". With --unchecked it is added nevertheless";
     const AccountsFile file(accountsFolderOf(changed.folder));
     const auto accounts = file.read();
     if (!accounts) return tl::unexpected(accounts.error());
     for (const std::string& user : changed.users)
         if (*accounts && !(*accounts)->users().contains(UserName{user}))
             return fail(ErrorCode::InvalidArgument,
-                        unknownUser(user, file).value().message + unless);
-    if (changed.layers.empty()) return {};
+                        unknownUser(user, file).value().message + kUnless);
+    if (changed.layers.empty() && changed.paths.empty()) return {};
     const auto layers = layersIn(changed.folder);
     if (!layers) return tl::unexpected(layers.error());
     for (const std::string& glob : changed.layers)
         if (std::ranges::none_of(
                 *layers, [&](const LayerId& layer) { return matchesGlob(glob, layer.value); }))
             return fail(ErrorCode::InvalidArgument, "no layer in " + changed.folder.string() +
-                                                        " matches " + inQuotes(glob) + unless);
-    return {};
+                                                        " matches " + inQuotes(glob) + kUnless);
+    return checkPaths(changed, *layers);
 }
 
 /// Waits until the running server has taken the rules, and prints whether it has.
@@ -239,7 +319,8 @@ int runRuleCommand(const char* name, bool allows, int argc, const char* const* a
                    "What else the user does: " + joined(kProjectActionNames, ", "))
         ->check(oneOf(kProjectActionNames))
         ->type_name("ACTION");
-    app.add_flag("--unchecked", words.isUnchecked, "Also if there is no such user or layer yet");
+    app.add_flag("--unchecked", words.isUnchecked,
+                 "Also if there is no such user, layer or prim yet");
     for (CLI::Option* option : app.get_options())
         if (option->get_expected_max() > 1) option->expected(1)->take_all();
     return runAdminCommand(app, argc, argv, [&] { return addRule(words, allows); });

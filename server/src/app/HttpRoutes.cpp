@@ -47,6 +47,19 @@ std::optional<FilesPath> splitFilesPath(std::string_view path) {
     return split;
 }
 
+/// Returns whether a list of names with commas has the name.
+bool offers(std::string_view list, std::string_view name) {
+    while (!list.empty()) {
+        const std::size_t comma = std::min(list.find(','), list.size());
+        std::string_view one = list.substr(0, comma);
+        while (one.starts_with(' ')) one.remove_prefix(1);
+        while (one.ends_with(' ')) one.remove_suffix(1);
+        if (one == name) return true;
+        list.remove_prefix(std::min(comma + 1, list.size()));
+    }
+    return false;
+}
+
 }  // namespace
 
 HttpRoutes::Visible HttpRoutes::visibleTo(const User& user) const {
@@ -69,6 +82,7 @@ HttpRoute HttpRoutes::route(const HttpTarget& target) {
         if (found) {
             user = std::move(*found);
         } else if (path != "/healthz") {
+            if (auto sessions = sessionsBeforeSignIn(target)) return std::move(*sessions);
             if (auto again = access_.newerKeys(found.error())) return std::move(*again);
             return access_.refusal(target, found.error());
         }
@@ -134,6 +148,58 @@ HttpRoute HttpRoutes::sessionsOf(ServedProject& project, const User& user,
     if (!user) return HttpSessions{sessions, std::nullopt};
     access_.entered(target, *user, project.name());
     return HttpSessions{sessions, access_.in(project.name(), *user)};
+}
+
+std::optional<HttpSessions> HttpRoutes::sessionsBeforeSignIn(const HttpTarget& target) {
+    if (!target.authorization.empty() || !target.path.ends_with(kSessions) ||
+        !offers(target.subprotocols, kShowsToken))
+        return std::nullopt;
+    // Whether the project exists is told after the sign-in. Until then any transport serves.
+    std::string_view name = target.path.substr(0, target.path.size() - kSessions.size());
+    if (name.starts_with('/')) name.remove_prefix(1);
+    WebSocketTransport* transport = nullptr;
+    for (const ServedProject* project : projects_.all()) {
+        WebSocketTransport* const sessions = project->sessions();
+        if (sessions && (!transport || percentDecoded(name) == project->name()))
+            transport = sessions;
+    }
+    if (!transport) return std::nullopt;
+    const auto arrival = std::make_shared<Arrival>(
+        Arrival{std::string(target.path), {}, std::string(target.peer), transport});
+    return HttpSessions{transport, std::nullopt,
+                        [this, arrival](const std::string& token,
+                                        const std::function<void(Result<SignedIn>)>& found) {
+                            asio::post(io_, [this, arrival, token, found] {
+                                Arrival shown = *arrival;
+                                shown.authorization = "Bearer " + token;
+                                signIn(std::make_shared<Arrival>(std::move(shown)), found, true);
+                            });
+                        }};
+}
+
+void HttpRoutes::signIn(const std::shared_ptr<const Arrival>& arrival,
+                        const std::function<void(Result<SignedIn>)>& found, bool mayWait) {
+    const auto refuse = [found](const HttpReply& reply) {
+        const ErrorCode code = reply.status == kUnavailable ? ErrorCode::ShuttingDown
+                               : reply.status == kNotFound  ? ErrorCode::InvalidArgument
+                                                            : ErrorCode::SignInRequired;
+        found(fail(code, reply.body.substr(0, reply.body.find_last_not_of('\n') + 1)));
+    };
+    const HttpRoute routed = route(
+        {.path = arrival->path, .authorization = arrival->authorization, .peer = arrival->peer});
+    if (const auto* sessions = std::get_if<HttpSessions>(&routed)) {
+        if (sessions->transport == arrival->transport && sessions->user)
+            return found(*sessions->user);
+        return refuse({"text/plain", "the project was opened again; connect again", kUnavailable});
+    }
+    if (const auto* page = std::get_if<HttpPage>(&routed)) return (*page)(refuse);
+    const auto* again = std::get_if<HttpAgain>(&routed);
+    if (again && mayWait)
+        return again->wait([this, arrival, found] {
+            asio::post(io_, [this, arrival, found] { signIn(arrival, found, false); });
+        });
+    const auto* reply = std::get_if<HttpReply>(&routed);
+    refuse(reply ? *reply : HttpReply{"text/plain", "the server is busy; try again", kUnavailable});
 }
 
 HttpReply HttpRoutes::unavailable(const ServedProject& project) {

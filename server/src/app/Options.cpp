@@ -236,6 +236,8 @@ void addLimits(CLI::App& app, ServerOptions& options) {
     add("--max-sessions", options.maxSessions, 1, 1'000'000, "Most clients at the same time");
     add("--max-user-sessions", options.maxUserSessions, 1, 1'000'000,
         "Most clients of one signed-in user at the same time");
+    add("--max-user-layers", options.maxUserLayers, 1, 100'000'000,
+        "Most layers that the clients of one user have open");
     add("--max-guests", options.maxGuests, 1, 1'000'000,
         "Most HTTP requests, and connections without a hello;\n"
         "if there are more, one that sends nothing is closed");

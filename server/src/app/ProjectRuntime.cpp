@@ -225,7 +225,7 @@ void ProjectRuntime::opened(SessionId session, const std::optional<SignedIn>& us
             session, Error{ErrorCode::SignInRequired,
                            "the access of " + present->user.value + " to this project was ended"});
     const bool willEnd = present && present->end();
-    project->connected(session, std::move(present));
+    project->connected(session, std::move(present), transports_.of(session).addressOf(session));
     if (willEnd && !std::exchange(watchesSignIns_, true)) endSignInsIn(kSignInsPause);
 }
 
@@ -271,11 +271,9 @@ Party ProjectRuntime::partyOf(SessionId session) {
     const Project* const project = strand_.project();
     const Subject* const subject = project ? project->subjectOf(session) : nullptr;
     if (!subject) return {};
-    if (!subject->proof)
-        return {"at " + transports_.of(session).addressOf(session), subject->user.value};
-    const std::string& user = subject->proof->user.value;
-    if (user.empty()) return {"owner", subject->user.value};
-    return {"user " + user, {}};
+    const bool isProved = subject->proof && !subject->proof->user.empty();
+    return {shareOf(*subject, transports_.of(session).addressOf(session)),
+            isProved ? std::string() : subject->user.value};
 }
 
 FairTurns::Store ProjectRuntime::storeRoom() const {

@@ -76,21 +76,23 @@ void ServedBlobs::findBlobs(std::vector<Hash> hashes) {
         });
 }
 
-void ServedBlobs::writeBlob(SessionId session, BlobFrame part) {
+void ServedBlobs::writeBlob(SessionId session, const std::string& share, BlobFrame part) {
     const Hash hash = part.hash;
     const std::size_t bytes = Intake::kJobBytes + part.data.size();
     strand_.inBackground(
         writer_, session, bytes,
-        [this, session, part = std::move(part)] { return write(session, part); },
+        [this, writer = BlobWriter(session, share), part = std::move(part)] {
+            return write(writer, part);
+        },
         [session, hash](Project& project, Result<bool> whole) {
             project.blobWritten(session, hash, std::move(whole));
         });
 }
 
-Result<bool> ServedBlobs::write(SessionId session, const BlobFrame& part) {
+Result<bool> ServedBlobs::write(const BlobWriter& writer, const BlobFrame& part) {
     if (blobs_.has(part.hash)) return part.offset == 0 || part.offset + part.rawBytes == part.size;
     return inflate(part.data, part.rawBytes, kChunkBytes).and_then([&](const Bytes& raw) {
-        return blobs_.write(part.hash, part.size, part.offset, raw, session);
+        return blobs_.write(part.hash, part.size, part.offset, raw, writer);
     });
 }
 

@@ -79,6 +79,7 @@ Project::Options projectOptions(const std::string& name, const ServerOptions& op
     project.maxTransactionBytes = options.maxTransactionMib * kMib;
     project.maxSessions = options.maxSessions;
     project.maxUserSessions = options.maxUserSessions;
+    project.maxUserLayers = options.maxUserLayers;
     for (const std::string& user : options.administrators) project.administrators.insert({user});
     project.historyDays = options.historyDays;
     project.lockTakeoverMs = std::int64_t(options.lockTakeoverMinutes) * 60'000;

@@ -18,13 +18,13 @@
 #include "BlobBridge.h"
 #include "FileStamps.h"
 #include "FolderWalk.h"
+#include "OpenLayerFile.h"
 #include "SafeFile.h"
 #include "usdlive/common/core/Descriptor.h"
 #include "usdlive/common/core/Utf8.h"
 #include "usdlive/common/protocol/ServerControl.h"
 #include "usdlive/common/usd/LayerFill.h"
 #include "usdlive/common/usd/SdfLayerStore.h"
-#include "usdlive/common/usd/TextDepth.h"
 #include "usdlive/common/usd/TfComplaints.h"
 
 namespace usdlive::server {
@@ -196,7 +196,8 @@ public:
         const auto type = fs::status(*path, ignored).type();
         if (type == fs::file_type::not_found)
             return fail(ErrorCode::LayerNotFound, "the project has no file " + layer.value);
-        if (type != fs::file_type::regular) return unreadable(layer, "it is not a regular file");
+        if (type != fs::file_type::regular)
+            return layerUnreadable(layer, "it is not a regular file");
         for (int left = kImportAttempts; left > 0; --left) {
             const auto before = stampOf(*path);
             if (!before) return tl::unexpected(before.error());
@@ -206,7 +207,7 @@ public:
             if (!doc) return tl::unexpected(doc.error());
             return ImportedLayer{*std::move(doc), **before};
         }
-        return unreadable(layer, "it is being written at this moment");
+        return layerUnreadable(layer, "it is being written at this moment");
     }
 
     Result<std::optional<FileStamp>> stamp(const LayerId& layer) const override {
@@ -278,22 +279,15 @@ private:
         return fail(ErrorCode::SaveFailed, name + " cannot be read: " + why);
     }
 
-    static tl::unexpected<Error> unreadable(const LayerId& layer, const std::string& reason) {
-        return fail(ErrorCode::LayerUnreadable, layer.value + " cannot be read: " + reason);
-    }
-
     Result<LayerDoc> read(const LayerId& layer, const fs::path& path) {
-        const usd::TfComplaints complaints;
-        if (const auto why = usd::whyTooDeep(pxr::ArResolvedPath(path.string())); !why.empty())
-            return unreadable(layer, why);
-        const auto opened = pxr::SdfLayer::OpenAsAnonymous(path.string());
-        if (!opened) return unreadable(layer, complaints.text("OpenUSD gives no reason"));
+        const auto opened = openLayerFile(layer, path);
+        if (!opened) return tl::unexpected(opened.error());
         BlobKeeper keeper(blobs_, importing_);
-        auto doc = usd::readLayer(opened, keeper);
+        auto doc = usd::readLayer(*opened, keeper);
         if (!keeper.kept()) return tl::unexpected(keeper.kept().error());
-        if (!doc) return unreadable(layer, doc.error().message);
+        if (!doc) return layerUnreadable(layer, doc.error().message);
         if (auto harmless = checkHarmless(*doc); !harmless)
-            return unreadable(layer, harmless.error().message);
+            return layerUnreadable(layer, harmless.error().message);
         return doc;
     }
 

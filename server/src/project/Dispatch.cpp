@@ -9,8 +9,12 @@
 
 namespace usdlive::server {
 
-void Project::Impl::connected(SessionId id, std::optional<SignedIn> user) {
-    sessions_.add(id).subject.proof = std::move(user);
+void Project::Impl::connected(SessionId id, std::optional<SignedIn> user,
+                              const std::string& address) {
+    Session& session = sessions_.add(id);
+    session.subject.proof = std::move(user);
+    if (session.subject.proof || !address.empty())
+        session.share = shareOf(session.subject, address);
 }
 
 void Project::Impl::rolesChanged(const std::function<Role(const SignedIn&)>& roleOf) {
@@ -156,6 +160,11 @@ void Project::Impl::receiveControl(Session& session, const std::string& json) {
 
 void Project::Impl::receive(Session& session, const ControlMessage& message) {
     std::visit(Overloaded{
+                   [&](const ShowToken&) {
+                       sessions_.close(session, {ErrorCode::MalformedControl,
+                                                 "showToken is the first message of a session that "
+                                                 "was requested with its subprotocol"});
+                   },
                    [&](const OpenLayer& request) { openings_.open(session, request); },
                    [&](const KeepLayers& kept) { greeting_.keepOpen(session, kept.layers); },
                    [&](const CloseLayer& request) { sessions_.closeLayer(session, request.layer); },

@@ -49,8 +49,9 @@ Project::Project(Options options, Ports ports, StoreState store,
     : impl_(std::make_unique<Impl>(std::move(options), ports, std::move(store), files)) {}
 Project::~Project() = default;
 
-void Project::connected(SessionId session, std::optional<SignedIn> user) {
-    impl_->connected(session, std::move(user));
+void Project::connected(SessionId session, std::optional<SignedIn> user,
+                        const std::string& address) {
+    impl_->connected(session, std::move(user), address);
 }
 void Project::rolesChanged(const std::function<Role(const SignedIn&)>& roleOf) {
     impl_->rolesChanged(roleOf);

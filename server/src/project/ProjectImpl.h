@@ -33,7 +33,7 @@ public:
     Impl& operator=(const Impl&) = default;
 
     // Dispatch.cpp
-    void connected(SessionId id, std::optional<SignedIn> user);
+    void connected(SessionId id, std::optional<SignedIn> user, const std::string& address);
     void setRules(std::shared_ptr<const AccessRules> rules);
     void rolesChanged(const std::function<Role(const SignedIn&)>& roleOf);
     bool endSignIns(std::int64_t now);

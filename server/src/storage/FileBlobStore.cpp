@@ -88,7 +88,7 @@ public:
     }
     [[nodiscard]] Result<std::uint64_t> size(const Hash& hash) const override;
     Result<bool> write(const Hash& hash, std::uint64_t size, std::uint64_t offset, ByteView part,
-                       std::uint64_t writer) override;
+                       const BlobWriter& writer) override;
     [[nodiscard]] Result<Bytes> read(const Hash& hash, std::uint64_t offset,
                                      std::size_t count) const override;
     void forget(std::uint64_t writer) override;
@@ -101,6 +101,7 @@ private:
     using Upload = std::pair<Hash, std::uint64_t>;  // and its writer
     struct Entry {
         Unfinished value;
+        std::string share;                                  // that of its writer
         std::uint64_t turn;                                 // number of its last part
         Clock::time_point left = Clock::time_point::max();  // when its writer left
     };
@@ -129,7 +130,7 @@ private:
     void boundLeft();
     [[nodiscard]] Result<Descriptor> openValue(const Hash& hash) const;
     Result<Unfinished> take(const Upload& upload, std::uint64_t offset);
-    void putBack(const Upload& upload, Unfinished value);
+    void putBack(const Upload& upload, Unfinished value, const std::string& share);
     Result<void> keep(const Hash& hash, Unfinished& value);
 
     const fs::path folder_;
@@ -190,8 +191,8 @@ Result<Bytes> FileBlobStore::read(const Hash& hash, std::uint64_t offset, std::s
 }
 
 Result<bool> FileBlobStore::write(const Hash& hash, std::uint64_t size, std::uint64_t offset,
-                                  ByteView part, std::uint64_t writer) {
-    const Upload upload(hash, writer);
+                                  ByteView part, const BlobWriter& writer) {
+    const Upload upload(hash, writer.id);
     if (has(hash)) {  // another writer may have been faster
         const std::lock_guard lock(mutex_);
         unfinished_.erase(upload);
@@ -206,7 +207,7 @@ Result<bool> FileBlobStore::write(const Hash& hash, std::uint64_t size, std::uin
             .and_then([&] { return value->add(part); });
     if (!added) return tl::unexpected(added.error());
     if (value->written() < size) {
-        putBack(upload, std::move(*value));
+        putBack(upload, std::move(*value), writer.share);
         return false;
     }
     return keep(hash, *value).map([] { return true; });
@@ -228,9 +229,9 @@ Result<Unfinished> FileBlobStore::take(const Upload& upload, std::uint64_t offse
     return Unfinished::begin(unfinished() / (hash.hex() + "-" + std::to_string(writer)));
 }
 
-void FileBlobStore::putBack(const Upload& upload, Unfinished value) {
+void FileBlobStore::putBack(const Upload& upload, Unfinished value, const std::string& share) {
     const std::lock_guard lock(mutex_);
-    unfinished_.emplace(upload, Entry{std::move(value), ++turn_});
+    unfinished_.emplace(upload, Entry{std::move(value), share, ++turn_});
     bound(upload);
 }
 
@@ -264,11 +265,11 @@ void FileBlobStore::forget(std::uint64_t writer) {
     });
 }
 
-/// SE22: drops a value if there are too many: one that was left, otherwise one of the writer that
-/// has the most. The caller holds the mutex, also of the next three.
+/// SE22: drops a value if there are too many: one that was left, otherwise one of the writer with
+/// the most, in the share with the most. The caller holds the mutex, also of the next three.
 void FileBlobStore::bound(const Upload& added) {
     Budget<std::uint64_t> values({.all = options_.maxUnfinished});  // by writer
-    for (const auto& entry : unfinished_) values.take(entry.first.second, 1);
+    for (const auto& entry : unfinished_) values.take(entry.first.second, 1, entry.second.share);
     const auto most = values.givesWay(added.second);
     if (!most) return;
     const auto left = oldest(isLeft);

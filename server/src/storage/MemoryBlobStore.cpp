@@ -25,10 +25,10 @@ public:
         return value->second.size();
     }
     Result<bool> write(const Hash& hash, std::uint64_t size, std::uint64_t offset, ByteView part,
-                       std::uint64_t writer) override {
+                       const BlobWriter& writer) override {
         const std::lock_guard lock(mutex_);
         Bytes value;
-        auto begun = unfinished_.extract({hash, writer});
+        auto begun = unfinished_.extract({hash, writer.id});
         if (begun.empty()) begun = unfinished_.extract({hash, kLeft});
         if (!begun.empty() && offset > 0) value = std::move(begun.mapped());
         if (values_.contains(hash)) return true;
@@ -40,7 +40,7 @@ public:
         const bool whole = value.size() == size;
         if (whole && sha256(value) != hash)
             return blobError(ErrorCode::BlobMismatch, hash, "has another content");
-        (whole ? values_[hash] : unfinished_[{hash, writer}]) = std::move(value);
+        (whole ? values_[hash] : unfinished_[{hash, writer.id}]) = std::move(value);
         return whole;
     }
     [[nodiscard]] Result<Bytes> read(const Hash& hash, std::uint64_t offset,

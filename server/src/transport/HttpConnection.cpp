@@ -58,7 +58,8 @@ HttpTarget targetOf(const Request& request) {
     const std::string_view target = view(request.target());
     const std::size_t mark = target.find('?');
     HttpTarget parts{.path = target.substr(0, mark),
-                     .authorization = view(request[http::field::authorization])};
+                     .authorization = view(request[http::field::authorization]),
+                     .subprotocols = view(request[http::field::sec_websocket_protocol])};
     if (mark != std::string_view::npos) parts.query = target.substr(mark + 1);
     return parts;
 }
@@ -220,7 +221,8 @@ private:
         seat_->giveWayBy(nullptr);
         seat_->moved(steady_clock::now());
         sessions.transport->take(std::make_unique<Upgrade>(
-            Upgrade{parser_.release(), stream_.release(), std::move(seat_), sessions.user}));
+            Upgrade{parser_.release(), stream_.release(), std::move(seat_), sessions.user,
+                    sessions.showsToken}));
         hub_.finished(*this);
     }
 

@@ -34,13 +34,24 @@ SessionCore::SessionCore(SessionHub& hub, SessionId id, std::size_t slowReaderBy
                                 [this] { close(internal()); }})) {}
 
 void SessionCore::open(const std::optional<SignedIn>& user) {
+    openUnproved();
+    isReported_ = true;
+    guarded([&] { core_.handler.opened(id_, user); });
+}
+
+void SessionCore::openUnproved() {
     state_ = State::Open;
     greetDeadline_ = steady_clock::now() + core_.greetTime;
+}
+
+void SessionCore::proved(const SignedIn& user) {
+    isReported_ = true;
     guarded([&] { core_.handler.opened(id_, user); });
 }
 
 void SessionCore::deliver(ByteView message) {
     ++core_.counters.messagesIn;
+    if (!isReported_) return prove(message);
     guarded([&] { core_.handler.received(id_, message); });
     if (!isOpen() || std::exchange(hasSpoken_, true)) return;
     if (const auto seated = spoke(); !seated) close(seated.error());
@@ -94,7 +105,7 @@ void SessionCore::close(const std::optional<Error>& why) {
             {{"session", id_}, {"code", errorName(why->code)}, {"reason", why->message}});
     else
         core_.log.write(LogLevel::Info, "session closed", {{"session", id_}});
-    core_.notifyClosed(id_);
+    if (isReported_) core_.notifyClosed(id_);
     if (why) queue(errorFrame(*why));
     beginGoodbye(why);
 }
@@ -119,7 +130,7 @@ void SessionCore::endSlowReader(std::string_view reason) {
 void SessionCore::end(std::string_view reason, LogLevel level) {
     if (state_ == State::Closed) return;
     const State before = std::exchange(state_, State::Closed);
-    if (before == State::Open) core_.notifyClosed(id_);
+    if (before == State::Open && isReported_) core_.notifyClosed(id_);
     if (before != State::Closing)
         core_.log.write(level, "session ended", {{"session", id_}, {"reason", reason}});
     sources_->clear();

@@ -87,8 +87,13 @@ protected:
     [[nodiscard]] bool isOpen() const { return state_ == State::Open; }
     /// Reports the new session to the handler.
     void open(const std::optional<SignedIn>& user);
+    /// Opens a session that the handler does not know yet: its first message is passed to prove().
+    void openUnproved();
+    /// Reports a session of openUnproved() to the handler.
+    void proved(const SignedIn& user);
     /// Passes a message to the handler.
     void deliver(ByteView message);
+    virtual void prove(ByteView /*message*/) {}
     /// Returns whether the session has sent a message that the handler accepted: its hello.
     [[nodiscard]] bool hasSpoken() const { return hasSpoken_; }
     /// Called after the first message. Error: the session is closed with it.
@@ -124,6 +129,7 @@ private:
     QueueLimit limit_;
     bool notifyDrained_ = false;
     bool hasSpoken_ = false;
+    bool isReported_ = false;  // the handler knows it
     std::chrono::steady_clock::time_point greetDeadline_;
     std::chrono::steady_clock::time_point closeDeadline_;
     const std::shared_ptr<FrameSources> sources_;

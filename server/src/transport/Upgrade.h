@@ -9,6 +9,7 @@
 #include "usdlive/common/net/NetStream.h"
 #include "usdlive/server/project/Subject.h"
 #include "usdlive/server/transport/Seats.h"
+#include "usdlive/server/transport/WebSocketTransport.h"
 
 namespace usdlive::server {
 
@@ -18,6 +19,7 @@ struct Upgrade {
     NetStream::Released connection;  ///< belongs to no io_context; is encrypted or not
     std::unique_ptr<Seat> seat;
     std::optional<SignedIn> user;  ///< nothing if the server does not ask users to sign in
+    ShowsToken showsToken = {};    ///< set if the first message shows who it is (AC13)
 };
 
 }  // namespace usdlive::server

@@ -7,6 +7,9 @@
 #include <utility>
 #include <vector>
 
+#include "usdlive/common/protocol/CheckedControl.h"
+#include "usdlive/common/protocol/Control.h"
+#include "usdlive/common/protocol/Frame.h"
 #include "usdlive/common/transport/BulkWindow.h"
 #include "usdlive/common/transport/PeerLife.h"
 #include "usdlive/server/transport/SendQueue.h"
@@ -37,6 +40,9 @@ constexpr std::size_t kSmallFrameBytes = 1024;
 // The limits of the read buffer. It grows with the data of the client and shrinks again.
 constexpr std::size_t kLeastReadBytes = 4 * 1024;
 constexpr std::size_t kMostReadBytes = 1024 * 1024;
+
+// The limit of a message that shows a token: one of an issuer has some KiB.
+constexpr std::size_t kMostTokenBytes = 64 * 1024;
 
 websocket::close_code closeCode(const std::optional<Error>& why) {
     if (!why) return websocket::close_code::normal;
@@ -116,6 +122,21 @@ private:
     std::size_t bytes_ = 0;
 };
 
+/// Returns the token that the first message of a session shows.
+Result<std::string> shownToken(ByteView message) {
+    const auto wrong = fail(ErrorCode::SignInRequired,
+                            "the first message of this session has to be showToken, with a token");
+    const auto frames = splitMessage(message, kMostTokenBytes);
+    if (!frames || frames->size() != 1) return wrong;
+    const auto frame = decodeFrame(frames->front());
+    const auto* control = frame ? std::get_if<ControlFrame>(&*frame) : nullptr;
+    if (!control || !checkClientControl(control->json)) return wrong;
+    const auto content = decodeControl(control->json);
+    const auto* shown = content ? std::get_if<ShowToken>(&*content) : nullptr;
+    if (!shown) return wrong;
+    return shown->token;
+}
+
 class BeastSession final : public WebSocketSession,
                            public std::enable_shared_from_this<BeastSession> {
 public:
@@ -155,6 +176,12 @@ public:
             });
         });
         hub_.log.write(LogLevel::Info, "session opened", {{"session", id()}, {"from", address_}});
+        if (upgrade_->showsToken)
+            stream_.set_option(
+                websocket::stream_base::decorator([](websocket::response_type& response) {
+                    response.set(beast::http::field::sec_websocket_protocol,
+                                 beast::string_view(kShowsToken.data(), kShowsToken.size()));
+                }));
         stream_.async_accept(
             upgrade_->request,
             [self = shared_from_this()](beast::error_code error) { self->onAccepted(error); });
@@ -251,8 +278,28 @@ private:
         if (state() != State::Opening) return;
         if (error) return end(error.message(), LogLevel::Info);
         upgrade_->seat->moved(steady_clock::now());
-        open(upgrade_->user);
+        if (upgrade_->showsToken)
+            openUnproved();
+        else
+            open(upgrade_->user);
         read();
+    }
+
+    /// AC13. Nothing more is read until it is known whose session it is.
+    void prove(ByteView message) override {
+        const auto token = shownToken(message);
+        if (!token) return close(token.error());
+        setReading(false);
+        upgrade_->showsToken(*token,
+                             [io = &hub_.io, weak = weak_from_this()](Result<SignedIn> found) {
+                                 asio::post(*io, [weak, found = std::move(found)] {
+                                     const auto self = weak.lock();
+                                     if (!self || !self->isOpen()) return;
+                                     if (!found) return self->close(found.error());
+                                     self->proved(*found);
+                                     self->setReading(true);
+                                 });
+                             });
     }
 
     void onControlFrame(websocket::frame_type type, std::string_view payload) {

@@ -277,7 +277,8 @@ void Greeting::welcome(Session& session, std::optional<Error> whyNotResumed) {
 
 void Greeting::keepOpen(Session& session, const std::vector<LayerId>& layers) {
     for (const LayerId& layer : layers)
-        if (layers_->has(layer)) sessions_->open(session, layer);
+        if (layers_->has(layer) && !sessions_->whyNotOpen(session, layer))
+            sessions_->open(session, layer);
 }
 
 void Greeting::sendWelcome(const Session& session, const Hello& hello, bool resumed) {

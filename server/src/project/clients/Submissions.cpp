@@ -11,12 +11,13 @@ namespace usdlive::server {
 
 namespace {
 
-/// Returns the limits for what sessions have sent and what is not ordered yet: of each one, two of
-/// the largest transactions and small ones, so that it can send the next one; of all together, one
-/// more.
+/// Returns the limits for what sessions have sent and what is not ordered yet: of each one, and of
+/// all of a user, two of the largest transactions and small ones, so that it can send the next one;
+/// of all together, one more.
 Budget<SessionId>::Limits receivedLimits(const TransactionLimits& limits) {
     const std::size_t small = limits.bytes / 4;
-    return {.each = 2 * limits.bytes + small, .all = 3 * limits.bytes + small};
+    const std::size_t each = 2 * limits.bytes + small;
+    return {.each = each, .group = each, .all = each + limits.bytes};
 }
 
 const std::string kResends = "resends";
@@ -88,14 +89,14 @@ void Submissions::work(SessionId id) {
         if (queue.transactions.empty()) return;
         queue.bytes -= queued.bytes;
         queue.transactions.pop_front();
-        measure(id);
+        measure(*session);
     }
 }
 
 /// Returns false if the session was closed because its transactions take too much (SE22). Another
 /// one may be closed instead of it.
 bool Submissions::fits(const Session& session) {
-    measure(session.id);
+    measure(session);
     const auto over = received_.givesWay(session.id);
     if (!over) return true;
     sessions_->close(*sessions_->find(*over),
@@ -105,10 +106,11 @@ bool Submissions::fits(const Session& session) {
     return *over != session.id;
 }
 
-void Submissions::measure(SessionId session) {
-    const auto queue = queues_.find(session);
-    received_.set(session,
-                  arriving_.bytes(session) + (queue == queues_.end() ? 0 : queue->second.bytes));
+void Submissions::measure(const Session& session) {
+    const auto queue = queues_.find(session.id);
+    received_.set(session.id,
+                  arriving_.bytes(session.id) + (queue == queues_.end() ? 0 : queue->second.bytes),
+                  session.share);
 }
 
 void Submissions::creationsRead(SessionId id, std::uint64_t sequence,

@@ -71,7 +71,7 @@ private:
     };
     void add(Session& session, Transaction transaction, std::size_t bytes);
     [[nodiscard]] bool fits(const Session& session);
-    void measure(SessionId session);
+    void measure(const Session& session);
     bool handle(const Session& session, QueuedTransaction& queued);
     [[nodiscard]] std::optional<Refused> heldBack(SessionId session, std::uint64_t sequence);
     void hold(const Session& session, std::uint64_t sequence, const Error& reason);

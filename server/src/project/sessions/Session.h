@@ -33,6 +33,8 @@ struct Session {
     SessionPhase phase;
     ClientId client;
     Subject subject;
+    /// shareOf(); empty if nobody knows whose it is, as over DDS without DDS Security.
+    std::string share;
     std::string application;
     std::set<std::string> features;  ///< features that both ends support
     std::set<LayerId> open;

@@ -79,6 +79,7 @@ bool SessionTable::remove(SessionId id) {
     const auto left = sessions_.extract(id);
     if (left.empty()) return false;
     forgetRequests(id);
+    open_.giveBackAll(id);
     listeners_.notify(&SessionListener::left, left.mapped());
     for (const LayerId& layer : left.mapped().open)
         listeners_.notify(&SessionListener::openChanged, layer);
@@ -117,14 +118,26 @@ bool SessionTable::isConnected(const ClientId& client) const {
                                [&](const auto& one) { return one.second.client == client; });
 }
 
+std::optional<Error> SessionTable::whyNotOpen(const Session& session, const LayerId& layer) const {
+    if (session.share.empty() || open_.ofGroup(session.share) < userLayers_ ||
+        session.open.contains(layer))
+        return std::nullopt;
+    return Error{ErrorCode::TooManyRequests,
+                 "the sessions of " + session.subject.user.value + " have " +
+                     std::to_string(userLayers_) +
+                     " layers open, which is the limit for one user (--max-user-layers)"};
+}
+
 bool SessionTable::open(Session& session, const LayerId& layer) {
     if (!session.open.insert(layer).second) return false;
+    open_.take(session.id, 1, session.share);
     listeners_.notify(&SessionListener::openChanged, layer);
     return true;
 }
 
 bool SessionTable::closeLayer(Session& session, const LayerId& layer) {
     if (session.open.erase(layer) == 0) return false;
+    open_.giveBack(session.id, 1);
     listeners_.notify(&SessionListener::openChanged, layer);
     return true;
 }
@@ -145,7 +158,7 @@ std::set<UserName> SessionTable::editors(const LayerId& layer) const {
 bool SessionTable::takeForRequest(const Session& session, std::uint64_t request,
                                   std::size_t bytes) {
     requests_[{session.id, request}] += bytes;
-    requestBytes_.take(session.id, bytes);
+    requestBytes_.take(session.id, bytes, session.share);
     const auto over = requestBytes_.givesWay(session.id);
     if (!over) return true;
     close(sessions_.at(*over),

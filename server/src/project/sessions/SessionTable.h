@@ -21,9 +21,15 @@ namespace usdlive::server {
 /// sessions.
 class SessionTable {
 public:
-    SessionTable(ports::Outbox& outbox, const PublicText& texts,
-                 const Budget<SessionId>::Limits& requestBytes)
-        : outbox_(outbox), texts_(texts), requestBytes_(requestBytes) {}
+    struct Limits {
+        Budget<SessionId>::Limits requestBytes;
+        std::size_t userLayers = 0;  ///< that the sessions of a user have open together
+    };
+    SessionTable(ports::Outbox& outbox, const PublicText& texts, const Limits& limits)
+        : outbox_(outbox),
+          texts_(texts),
+          userLayers_(limits.userLayers),
+          requestBytes_(limits.requestBytes) {}
 
     /// Listeners are notified in the order in which they are added.
     void addListener(SessionListener& listener) { listeners_.add(listener); }
@@ -48,6 +54,9 @@ public:
     [[nodiscard]] bool isUserConnected(const UserName& user) const;
     [[nodiscard]] bool isConnected(const ClientId& client) const;
 
+    /// Returns why the session may not open the layer (SE22); nothing if it may, or has it open.
+    [[nodiscard]] std::optional<Error> whyNotOpen(const Session& session,
+                                                  const LayerId& layer) const;
     /// Opens or closes a layer for the session. Returns false if nothing changed.
     bool open(Session& session, const LayerId& layer);
     bool closeLayer(Session& session, const LayerId& layer);
@@ -78,6 +87,8 @@ private:
     Wire<const PublicText> texts_;
     Listeners<SessionListener> listeners_;
     std::map<SessionId, Session> sessions_;
+    std::size_t userLayers_;
+    Budget<SessionId> open_;  // layers
     Budget<SessionId> requestBytes_;
     std::map<std::pair<SessionId, std::uint64_t>, std::size_t> requests_;  // bytes; unanswered
 };

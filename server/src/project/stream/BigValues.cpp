@@ -71,7 +71,8 @@ void BigValues::receive(Session& session, BlobFrame part) {
     if (part.rawBytes > kChunkBytes || part.offset > part.size ||
         part.rawBytes > part.size - part.offset)
         return refuse({ErrorCode::BlobMismatch, "a part that is not within its value"});
-    if (part.gesture != 0) return previews_->values.add(session.client, std::move(part));
+    if (part.gesture != 0)
+        return previews_->values.add(session.client, session.share, std::move(part));
     uploading_.insert(session.id);
     // The value is already stored, so its parts are ignored. The last part is answered like the
     // first one: another session may have completed the value after the first part of this session,
@@ -87,7 +88,7 @@ void BigValues::receive(Session& session, BlobFrame part) {
         return refuse(*error);
     }
     known_.write(part.hash);
-    blobs_->writeBlob(session.id, std::move(part));
+    blobs_->writeBlob(session.id, session.share, std::move(part));
 }
 
 void BigValues::written(SessionId id, const Hash& hash, const Result<bool>& whole) {

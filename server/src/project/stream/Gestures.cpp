@@ -26,9 +26,9 @@ void Gestures::receive(Session& session, PreviewFrame preview, std::size_t bytes
     std::vector<Hash> named;
     for (const Edit& edit : preview.edits)
         forEachBlob(edit.action, [&](const Value& blob) { named.push_back(blob.hash()); });
-    const std::uint64_t pushedOut =
-        previews_->keep(session.client, preview.gesture, {frame, std::move(named)});
-    if (pushedOut != 0) withdraw(session.client, pushedOut);
+    for (const auto& [author, gesture] :
+         previews_->keep(session.client, session.share, preview.gesture, {frame, std::move(named)}))
+        withdraw(author, gesture);
     // A session that is behind is sent the preview when it has caught up.
     catchup_->sendPreview(preview, frame);
 }

@@ -13,6 +13,8 @@ void Openings::open(Session& session, const OpenLayer& open) {
             session, {ErrorCode::LayerNotFound, "the project has no layer " + layer.value},
             open.request);
     if (open.revision != 0) return openPast(session, open);
+    if (const auto error = sessions_->whyNotOpen(session, layer))
+        return sessions_->sendError(session, *error, open.request);
     sessions_->open(session, layer);
     const Request request{session.id, open.request};
     if (layers_->isLoaded(layer)) return openLoaded(request, layer);

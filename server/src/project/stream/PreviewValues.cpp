@@ -14,12 +14,12 @@ constexpr std::size_t kPartBytes = 256;
 
 }  // namespace
 
-void PreviewValues::add(const ClientId& author, BlobFrame part) {
+void PreviewValues::add(const ClientId& author, const std::string& share, BlobFrame part) {
     auto found = entries_.find(part.hash);
     if (found != entries_.end() && found->second.written == found->second.size) {
         Entry& whole = found->second;  // it now belongs to this gesture
         bytes_.giveBack(std::exchange(whole.author, author), whole.bytes);
-        bytes_.take(author, whole.bytes);
+        bytes_.take(author, whole.bytes, share);
         whole.gesture = part.gesture;
         return;
     }
@@ -41,7 +41,7 @@ void PreviewValues::add(const ClientId& author, BlobFrame part) {
     const std::size_t bytes = part.data.size() + kPartBytes;
     entry.written += part.rawBytes;
     entry.bytes += bytes;
-    bytes_.take(entry.author, bytes);
+    bytes_.take(entry.author, bytes, share);
     entry.frames.push_back(std::make_shared<const Bytes>(encodeFrame(part)));
     while (const auto over = bytes_.givesWay(author))
         erase(entries_.find(*std::ranges::find_if(

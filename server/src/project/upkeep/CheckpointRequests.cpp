@@ -10,6 +10,9 @@ namespace usdlive::server {
 
 namespace {
 
+// A user may make so many checkpoints at once, and one more after each pause.
+constexpr std::int64_t kMostCheckpoints = 1'000, kCheckpointPauseMs = 6'000;
+
 bool isName(const std::string& name) {
     const auto isControl = [](unsigned char byte) { return byte < 0x20 || byte == 0x7f; };
     return !name.empty() && name.size() <= kMaxCheckpointNameBytes &&
@@ -33,8 +36,26 @@ std::optional<Error> CheckpointRequests::objection(const Session& session,
     return std::nullopt;
 }
 
+bool CheckpointRequests::takeAllowance(const std::string& share) {
+    const std::int64_t now = clock_->steadyMs();
+    const auto [found, isNew] = allowances_.try_emplace(share, Allowance{kMostCheckpoints, now});
+    Allowance& allowance = found->second;
+    const std::int64_t pauses = (now - allowance.grownMs) / kCheckpointPauseMs;
+    allowance.left = std::min(allowance.left + pauses, kMostCheckpoints);
+    allowance.grownMs += pauses * kCheckpointPauseMs;
+    if (allowance.left == 0) return false;
+    --allowance.left;
+    return true;
+}
+
 void CheckpointRequests::create(Session& session, const CreateCheckpoint& request) {
-    if (const auto error = objection(session, request.name)) {
+    auto error = objection(session, request.name);
+    if (!error && !takeAllowance(session.share))
+        error = Error{ErrorCode::TooManyRequests,
+                      session.subject.user.value + " has made " + std::to_string(kMostCheckpoints) +
+                          " checkpoints in a short time; try again in " +
+                          std::to_string(kCheckpointPauseMs / 1'000) + " s"};
+    if (error) {
         activity_->record({"checkpoint refused", session.subject.user, {}, error->message});
         return sessions_->sendError(session, *error, request.request);
     }

@@ -1,7 +1,10 @@
 // Requests for checkpoints: named revisions (CP1, CP2).
 #pragma once
 
+#include <cstdint>
 #include <deque>
+#include <map>
+#include <string>
 
 #include "Wiring.h"
 #include "access/AccessPolicy.h"
@@ -19,6 +22,7 @@ public:
           sessions_(sessions),
           access_(access),
           time_(time),
+          clock_(ports.clock),
           history_(ports.history),
           activity_(ports.activity) {}
 
@@ -38,6 +42,12 @@ private:
         std::uint64_t request = 0;
         Checkpoint checkpoint;
     };
+    /// The checkpoints that the sessions of a user may still make (SE22).
+    struct Allowance {
+        std::int64_t left = 0;
+        std::int64_t grownMs = 0;  ///< steady time
+    };
+    [[nodiscard]] bool takeAllowance(const std::string& share);
     [[nodiscard]] std::optional<Error> objection(const Session& session,
                                                  const std::string& name) const;
 
@@ -45,9 +55,11 @@ private:
     Wire<SessionTable> sessions_;
     Wire<const AccessPolicy> access_;
     Wire<TimeOfDay> time_;
+    Wire<ports::Clock> clock_;
     Wire<ports::History> history_;
     Wire<ports::Activity> activity_;
     std::deque<Pending> pending_;  ///< sorted by revision
+    std::map<std::string, Allowance> allowances_;
 };
 
 }  // namespace usdlive::server

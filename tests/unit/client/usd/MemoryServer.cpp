@@ -171,7 +171,8 @@ void MemoryServer::sendBlob(server::SessionId session, const Hash& hash, std::ui
     }
 }
 
-void MemoryServer::writeBlob(server::SessionId session, BlobFrame part) {
+void MemoryServer::writeBlob(server::SessionId session, const std::string& /*share*/,
+                             BlobFrame part) {
     const auto raw = inflate(part.data, part.rawBytes, kChunkBytes * 2);
     static std::map<Hash, Bytes> unfinished;
     if (blobs.contains(part.hash)) {

@@ -49,7 +49,7 @@ public:
                      Revision revision) override;
     void sendSnapshot(server::SessionId session, std::uint64_t request, LayerDoc doc) override;
     void sendBlob(server::SessionId session, const Hash& hash, std::uint64_t offset) override;
-    void writeBlob(server::SessionId session, BlobFrame part) override;
+    void writeBlob(server::SessionId session, const std::string& share, BlobFrame part) override;
     void removeUnfinished(server::SessionId /*session*/) override {}
     void findBlobs(std::vector<Hash> hashes) override;
     void readClient(const ClientId& client) override;

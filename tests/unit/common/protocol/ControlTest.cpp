@@ -59,6 +59,7 @@ TEST(Control, EveryMessageComesBackAsItWas) {
     expectRoundTrip(Welcome{
         1, {"a"}, "shot", 4, 9, kHash, true, {{{"a.usda"}}, {{"s/b.usdc"}}}, 64 << 20, 4ull << 30});
     expectRoundTrip(LayerList{{{"a.usda"}}, {{"s/b.usdc"}, {"c.usda"}}});
+    expectRoundTrip(ShowToken{std::string(64, 'a')});
     expectRoundTrip(KeepLayers{{{"a.usda"}}});
     expectRoundTrip(ProjectLayers{{{{"a.usda"}}, {{"s/b.usdc"}}}});
     expectRoundTrip(OpenLayer{5, {"a.usda"}, 7});

@@ -44,7 +44,7 @@ public:
         return read(hash, 0, SIZE_MAX).map([](const Bytes& bytes) { return bytes.size(); });
     }
     Result<bool> write(const Hash& hash, std::uint64_t, std::uint64_t, ByteView part,
-                       std::uint64_t) override {
+                       const BlobWriter&) override {
         if (isFull) return fail(ErrorCode::StorageFull, "full");
         all[hash] = Bytes(part.begin(), part.end());
         return true;

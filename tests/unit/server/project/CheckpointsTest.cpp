@@ -64,6 +64,24 @@ TEST_F(CheckpointsTest, CP1RefusesInvalidNames) {
     }
 }
 
+TEST_F(CheckpointsTest, SE22ASlowerPaceAfterAThousand) {
+    world.submit(1, 1, {set("/A.x", 1)});
+    world.store();
+    for (int number = 0; number < 1'000; ++number) name("c" + std::to_string(number));
+    EXPECT_EQ(world.host.naming.size(), 1'000u);
+    world.host.naming.clear();
+    world.host.sent.clear();
+    name("more");
+    expectRefused("tooManyRequests");
+    world.connect(2, {}, "10.0.0.2");
+    world.receive(2, ControlMessage(CreateCheckpoint{5, "of another user"}));
+    EXPECT_EQ(world.host.naming.size(), 1u);
+    world.host.naming.clear();
+    world.host.nowMs += 12'500;
+    for (const char* next : {"one", "two", "three"}) name(next);
+    EXPECT_EQ(world.host.naming.size(), 2u) << "one more after each 6 s";
+}
+
 TEST_F(CheckpointsTest, CP1NeedsACommit) {
     name("lunch");
     expectRefused("invalidArgument");

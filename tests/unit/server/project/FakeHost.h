@@ -139,7 +139,7 @@ public:
     void sendBlob(SessionId session, const Hash&, std::uint64_t offset) override {
         blobsSent.emplace_back(session, offset);
     }
-    void writeBlob(SessionId session, BlobFrame part) override {
+    void writeBlob(SessionId session, const std::string&, BlobFrame part) override {
         blobParts.emplace_back(session, std::move(part));
     }
     void removeUnfinished(SessionId session) override { withoutUnfinished.insert(session); }
@@ -305,8 +305,9 @@ public:
                 {},
                 {}};
     }
-    void connect(SessionId session, std::optional<Hello> greeting = {}) {
-        project->connected(session);
+    void connect(SessionId session, std::optional<Hello> greeting = {},
+                 const std::string& address = {}) {
+        project->connected(session, {}, address);
         receive(session, ControlMessage(greeting ? *greeting : hello(session)));
     }
     /// Connects and drops the welcome.

@@ -140,6 +140,55 @@ TEST(ProjectLayers, SE22TheSessionWithTheMostUnansweredRequestsGivesWay) {
     EXPECT_EQ(world.nextControl<LayerOpened>(1).layer, LayerId{"a.usda"});
 }
 
+TEST(ProjectLayers, SE22TheSessionsOfAUserTakeNoMoreThanItsShare) {
+    Project::Options options;
+    options.sessionRequestBytes = 6'000;
+    options.userRequestBytes = 8'000;
+    World world(options);
+    for (const SessionId session : {1, 2, 3}) {
+        world.connect(session, {}, session == 3 ? "10.0.0.3" : "10.0.0.1");
+        world.host.sent[session].clear();
+    }
+    std::uint64_t number = 0;
+    const auto ask = [&](SessionId session, int times) {
+        for (int time = 0; time < times; ++time)
+            world.receive(session, ControlMessage(OpenLayer{++number, {"a.usda"}, 0}));
+    };
+    ask(1, 14);
+    ask(3, 14);
+    EXPECT_TRUE(world.host.closed.empty());
+    ask(2, 13);
+    EXPECT_EQ(world.host.closed, std::set<SessionId>{1}) << "of this address it has the most";
+}
+
+TEST(ProjectLayers, SE22TheSessionsOfAUserHaveNoMoreLayersOpenThanItsShare) {
+    Project::Options options;
+    options.maxUserLayers = 2;
+    World world(options);
+    for (const SessionId session : {1, 2, 3}) {
+        world.connect(session, {}, session == 3 ? "10.0.0.3" : "10.0.0.1");
+        world.host.sent[session].clear();
+    }
+    const auto open = [&](SessionId session, const char* layer) {
+        world.receive(session, ControlMessage(OpenLayer{7, {layer}, 0}));
+    };
+    open(1, "a.usda");
+    open(2, "a.usda");
+    open(1, "a.usda");  // again
+    open(2, "b.usda");
+    EXPECT_EQ(world.nextControl<ErrorMessage>(2).code, "tooManyRequests");
+    open(3, "b.usda");
+    EXPECT_TRUE(world.silent(3)) << "it is being loaded for another address";
+    world.receive(1, ControlMessage(CloseLayer{{"a.usda"}}));
+    open(2, "b.usda");
+    EXPECT_TRUE(world.silent(2)) << "there is room again";
+    open(1, "b.usda");
+    EXPECT_EQ(world.nextControl<ErrorMessage>(1).code, "tooManyRequests");
+    world.project->disconnected(2);
+    open(1, "b.usda");
+    EXPECT_TRUE(world.silent(1)) << "the other session has left";
+}
+
 TEST(ProjectLayers, SE22AnsweredRequestsTakeNothing) {
     Project::Options options;
     options.sessionRequestBytes = 2'000;
@@ -440,6 +489,40 @@ TEST(ProjectPreviews, M11TooManyAtOncePushOutTheOldest) {
         if (frame.edits.empty()) withdrawn.push_back(frame.gesture);
     }
     EXPECT_EQ(withdrawn, std::vector<std::uint64_t>{1});
+}
+
+TEST(ProjectPreviews, SE22ManySessionsOfAUserPushOutItsOwn) {
+    World world;
+    for (SessionId session = 1; session <= 6; ++session) {
+        world.connect(session, {}, session == 6 ? "10.0.0.6" : "10.0.0.1");
+        world.host.sent[session].clear();
+    }
+    const Value large = stringValue(std::string(200'000, 'x'));
+    const Edit edit{{"a.usda"}, {"/A.x", {}}, SetField{"default", {}, large, {}}};
+    world.receive(6, Frame(PreviewFrame{{}, 1, 0, std::vector(5, edit)}));
+    // 1 MB for each of 75 gestures: more than 64 MiB
+    for (std::uint64_t gesture = 1; gesture <= 15; ++gesture)
+        for (SessionId session = 1; session <= 5; ++session)
+            world.receive(session, Frame(PreviewFrame{{}, gesture, 0, std::vector(5, edit)}));
+    std::map<std::uint64_t, int> withdrawn;
+    while (!world.silent(6)) {
+        const auto frame = world.nextFrame<PreviewFrame>(6);
+        if (frame.edits.empty()) ++withdrawn[frame.gesture];
+    }
+    int all = 0;
+    for (const auto& [gesture, count] : withdrawn) all += count;
+    EXPECT_GE(all, 5);
+    EXPECT_LE(all, 12);
+    EXPECT_LE(withdrawn.rbegin()->first, 3u) << "the oldest gestures of each session";
+    world.host.sent[1].clear();
+    world.connect(7);
+    bool has = false;
+    while (!world.silent(7)) {
+        const Frame frame = world.next(7);
+        const auto* preview = std::get_if<PreviewFrame>(&frame);
+        has = has || (preview && preview->author == world.client(6));
+    }
+    EXPECT_TRUE(has) << "that of another address stays";
 }
 
 TEST(ProjectPreviews, PreviewsOfNoGestureAndTooLargeOnes) {

@@ -20,6 +20,14 @@
 
 namespace usdlive {
 
+/// Client: its token, before the hello of a session whose request could not carry it (AC13).
+struct ShowToken {
+    static constexpr std::string_view kType = "showToken";
+    std::string token;  ///< never logged or shown
+    USDLIVE_FIELDS(token)
+    bool operator==(const ShowToken&) const = default;
+};
+
 /// Client: its first message.
 struct Hello {
     static constexpr std::string_view kType = "hello";
@@ -256,10 +264,10 @@ struct WithRequests<std::variant<Messages...>, std::variant<Requests...>> {
     using Type = std::variant<Messages..., Requests..., typename Requests::Answer...>;
 };
 using ControlMessage =
-    WithRequests<std::variant<Hello, Welcome, LayerList, ProjectLayers, OpenLayer, LayerOpened,
-                              KeepLayers, CloseLayer, RequestBlob, BlobStored, AlreadyCommitted,
-                              RequestProgress, RequestLog, LogBegin, LogEnd, LayerStates,
-                              ShowPresence, Presences, AccessChanged, ErrorMessage>,
+    WithRequests<std::variant<ShowToken, Hello, Welcome, LayerList, ProjectLayers, OpenLayer,
+                              LayerOpened, KeepLayers, CloseLayer, RequestBlob, BlobStored,
+                              AlreadyCommitted, RequestProgress, RequestLog, LogBegin, LogEnd,
+                              LayerStates, ShowPresence, Presences, AccessChanged, ErrorMessage>,
                  AnyRequest>::Type;
 
 /// The features of this build, as hello and welcome name them: those of requests, and others.

@@ -42,6 +42,15 @@ private:
     [[nodiscard]] Visible visibleTo(const User& user) const;
     [[nodiscard]] HttpRoute sessionsOf(ServedProject& project, const User& user,
                                        const HttpTarget& target) const;
+    /// Returns the sessions of a client that shows its token later (AC13), if there are any.
+    [[nodiscard]] std::optional<HttpSessions> sessionsBeforeSignIn(const HttpTarget& target);
+    struct Arrival {
+        std::string path, authorization, peer;
+        const WebSocketTransport* transport = nullptr;  ///< that has the session
+    };
+    /// Routes an arrival again, with its token.
+    void signIn(const std::shared_ptr<const Arrival>& arrival,
+                const std::function<void(Result<SignedIn>)>& found, bool mayWait);
     [[nodiscard]] static HttpRoute filesOf(ServedProject& project, const HttpTarget& target);
     /// Says why a project that is not served cannot be used.
     [[nodiscard]] static HttpReply unavailable(const ServedProject& project);

@@ -44,6 +44,7 @@ struct ServerOptions {
     std::uint64_t maxTransactionMib = kMaxTransactionBytes >> 20;
     std::uint64_t maxSessions = 1000;
     std::uint64_t maxUserSessions = 100;
+    std::uint64_t maxUserLayers = 100'000;
     std::uint64_t maxGuests = 1000;
     std::uint64_t guestSeconds = 10;
     std::uint64_t slowReaderMib = 16;

@@ -17,12 +17,12 @@ public:
                 BlobStore& blobs, const PublicText& texts);
 
     void findBlobs(std::vector<Hash> hashes) override;
-    void writeBlob(SessionId session, BlobFrame part) override;
+    void writeBlob(SessionId session, const std::string& share, BlobFrame part) override;
     void removeUnfinished(SessionId session) override;
     void sendBlob(SessionId session, const Hash& hash, std::uint64_t offset) override;
 
 private:
-    Result<bool> write(SessionId session, const BlobFrame& part);
+    Result<bool> write(const BlobWriter& writer, const BlobFrame& part);
 
     ProjectStrand& strand_;
     WorkerShares& workers_;

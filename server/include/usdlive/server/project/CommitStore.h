@@ -283,6 +283,14 @@ public:
     [[nodiscard]] virtual bool hasSpace() const = 0;
 };
 
+/// A sender of parts of big values.
+struct BlobWriter {
+    BlobWriter(std::uint64_t id = 0, std::string share = {})  // NOLINT: a number is a writer
+        : id(id), share(std::move(share)) {}
+    std::uint64_t id;
+    std::string share;  ///< whose limits count, see shareOf()
+};
+
 /// A store of big values, addressed by the SHA-256 of their content.
 ///
 /// **Threads.** All functions block. They may be called by any thread, but for the same hash and
@@ -301,7 +309,7 @@ public:
     /// another writer has completed it. Errors: BlobMismatch (wrong offset, size or hash),
     /// BlobTooLarge, StorageFull; the parts of this writer and value are deleted then.
     virtual Result<bool> write(const Hash& hash, std::uint64_t size, std::uint64_t offset,
-                               ByteView part, std::uint64_t writer = 0) = 0;
+                               ByteView part, const BlobWriter& writer = {}) = 0;
     /// Returns up to `count` bytes from `offset` on; fewer at the end of the value. Error:
     /// BlobNotFound.
     [[nodiscard]] virtual Result<Bytes> read(const Hash& hash, std::uint64_t offset,

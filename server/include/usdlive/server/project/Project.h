@@ -118,8 +118,12 @@ public:
         std::size_t partBytes = kPartBytes;
         std::size_t maxSessions = 1'000;
         std::size_t maxUserSessions = 100;  ///< the limit for a signed-in user (AC10)
-        /// Memory of requests that are not answered yet: of one session, and of all together.
-        std::size_t sessionRequestBytes = 64ull << 20, requestBytes = 512ull << 20;
+        /// The limit of layers that the sessions of one user have open together (SE22).
+        std::size_t maxUserLayers = 100'000;
+        /// Memory of requests that are not answered yet: of one session, of those of a user, and of
+        /// all together.
+        std::size_t sessionRequestBytes = 64ull << 20, userRequestBytes = 128ull << 20,
+                    requestBytes = 512ull << 20;
         std::size_t recentCommitBytes = 64ull << 20;  ///< commits in memory, for resuming sessions
         /// The most revisions that a transaction's base may be old.
         std::size_t namespaceLogRevisions = kNamespaceLogRevisions;
@@ -153,8 +157,10 @@ public:
     // ---- Sessions.
 
     /// Adds a session. Call it when a connection has opened. `user`: whoever signed in, or nothing
-    /// if the server does not ask users to.
-    void connected(SessionId session, std::optional<SignedIn> user = {});
+    /// if the server does not ask users to. `address`: of the other end of the connection, empty if
+    /// the transport knows none.
+    void connected(SessionId session, std::optional<SignedIn> user = {},
+                   const std::string& address = {});
     /// Ends the sessions of signed-in users whose role is not the one that `roleOf` returns. Those
     /// who may still read connect again and are told their new role.
     void rolesChanged(const std::function<Role(const SignedIn&)>& roleOf);

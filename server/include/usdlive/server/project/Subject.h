@@ -50,4 +50,12 @@ struct Subject {
     [[nodiscard]] bool isAdministrator() const { return role == Role::Admin; }
 };
 
+/// Returns whose limits a session takes of (SE22, SE23): those of its user, or of the address of
+/// its connection if nobody had to sign in. Nobody can choose it.
+[[nodiscard]] inline std::string shareOf(const Subject& subject, const std::string& address) {
+    if (!subject.proof) return "at " + address;
+    const UserName& user = subject.proof->user;
+    return user.empty() ? "owner" : "user " + user.value;
+}
+
 }  // namespace usdlive::server

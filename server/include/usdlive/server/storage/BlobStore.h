@@ -18,7 +18,8 @@ struct BlobStoreOptions {
     /// disk if that is more.
     std::optional<std::uint64_t> minFreeBytes;
     /// The most values that may be incomplete. Starting one more drops the one whose last part is
-    /// the oldest, of writers that have left; if none has, of the writer with the most.
+    /// the oldest, of writers that have left; if none has, of the writer with the most,
+    /// in the share with the most.
     std::size_t maxUnfinished = 64;
     /// The incomplete values of writers that have left (forget()) are kept for others that continue
     /// them: for this time, and at most so many bytes of them.

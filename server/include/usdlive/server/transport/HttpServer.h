@@ -71,6 +71,7 @@ struct HttpAction {
 struct HttpSessions {
     WebSocketTransport* transport = nullptr;
     std::optional<SignedIn> user = {};  ///< nothing if users do not sign in
+    ShowsToken showsToken = {};         ///< set if the first message shows who it is (AC13)
 };
 
 /// Something that the router needs to know is being fetched. `wait` calls its argument when it is
@@ -88,6 +89,7 @@ struct HttpTarget {
     std::string_view query = {};          ///< after the `?`; may be empty
     std::string_view authorization = {};  ///< the header
     std::string_view peer = {};           ///< the address of the client, without its port
+    std::string_view subprotocols = {};   ///< the header Sec-WebSocket-Protocol
 };
 /// Returns the route of a target, which is valid during the call. Called on the server's thread. A
 /// returned transport is used before the next call.

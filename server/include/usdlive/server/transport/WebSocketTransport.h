@@ -2,7 +2,10 @@
 #pragma once
 
 #include <chrono>
+#include <functional>
 #include <memory>
+#include <string>
+#include <string_view>
 
 #include "usdlive/server/transport/Log.h"
 #include "usdlive/server/transport/Transport.h"
@@ -14,6 +17,13 @@ class io_context;
 namespace usdlive::server {
 
 struct Upgrade;  // src/transport/Upgrade.h
+
+/// Finds out who shows a token in the first message of a session (AC13), and then calls its second
+/// argument, on any thread. Error: the session ends with it. May be called from any thread.
+using ShowsToken =
+    std::function<void(std::string token, std::function<void(Result<SignedIn>)> found)>;
+/// The WebSocket subprotocol of such a session.
+inline constexpr std::string_view kShowsToken = "usdlive.showToken";
 
 struct WebSocketOptions {
     /// The limit of one message from a client. A larger one gives FrameTooLarge and closes the
