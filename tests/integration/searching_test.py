@@ -46,6 +46,37 @@ def found(live, **filters):
     return [(one.revision, one.user, [(edit.kind, edit.layer, edit.path) for edit in one.edits]) for one in live.log(**filters)]
 
 
+def test_commits_have_the_label_of_their_group(two):
+    """M18"""
+    server, ada, bo = two
+    root = ada.open_layer("root.usda")
+    with ada.undo_group("Möve\nchairs"):
+        root.comment = "1"
+        ada.tick()
+        root.GetPrimAtPath("/World").comment = "2"
+        ada.tick()
+    assert ada.flush()
+    ada.begin_gesture()
+    root.comment = "3"
+    ada.end_gesture()
+    assert ada.flush()
+    ada.undo()
+    with ada.undo_group("x" * 5000):
+        root.comment = "4"
+    ada.undo()
+    ada.redo()
+    assert ada.flush()
+    labels = [one.label for one in bo.log(limit=7)]
+    assert labels == [f"Redo: {'x' * 994}", f"Undo: {'x' * 994}", "x" * 1000, "Undo: Edit", "", "Möve chairs", "Möve chairs"]
+    assert [one.label for one in bo.log(label="CHAIRS")] == ["Möve chairs"] * 2
+    assert found(bo, label="chairs") == printed(server, "--label", "chairs")
+    text = run("log", server.url, "--label", "chairs")
+    assert text.count("Möve chairs") == 2
+    assert "Revert of revision" not in text
+    run("revert", server.url, str(bo.log(label="chairs").__next__().revision))
+    assert next(bo.log()).label.startswith("Revert of revision ")
+
+
 def test_the_log_is_that_of_the_command(two):
     server, ada, _ = two
     for filters, words in [({}, []), ({"by": "bo"}, ["--by", "bo"]), ({"by": ["bo", "ada"]}, ["--by", "bo", "--by", "ada"]),

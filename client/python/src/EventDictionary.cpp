@@ -169,6 +169,7 @@ void put(nb::dict& d, const Commit& commit) {
     d["user"] = text(commit.user.value);
     d["client"] = text(commit.id.client.value);
     d["time"] = double(commit.timeMs) / 1000.0;
+    d["label"] = text(commit.label);
     nb::list edits;
     for (const Edit& edit : commit.edits)
         edits.append(toDictionary(edit.layer, edit.address.path, edit.action));

@@ -48,6 +48,7 @@ client::LogQuery logQueryOf(const nb::dict& query, Revision before, std::size_t 
     if (const auto layer = nb::cast<std::string>(query["layer"]); !layer.empty())
         filter.layer = orRaise(parseLayerId(layer));
     filter.path = nb::cast<std::string>(query["path"]);
+    filter.label = nb::cast<std::string>(query["label"]);
     asked.before = before;
     asked.limit = limit;
     return asked;

@@ -14,13 +14,14 @@ from ._errors import Error
 
 @dataclasses.dataclass(frozen=True)
 class LoggedCommit:
-    """A commit of the past. `time`: seconds since 1970. `edits`: those that were asked for. `imported`: the layer whose
-    file it has read, or None; the edits of an import are not known."""
+    """A commit of the past. `time`: seconds since 1970. `label`: that of the author's undo group, or "". `edits`: those that
+    were asked for. `imported`: the layer whose file it has read, or None; the edits of an import are not known."""
 
     revision: int
     user: str
     client: str
     time: float
+    label: str
     edits: tuple[events.Edit, ...]
     imported: str | None
 

@@ -441,7 +441,8 @@ class Live:
     @contextlib.contextmanager
     def undo_group(self, label: str) -> typing.Iterator[None]:
         """The edits within are one step of the undo, over any number of ticks: `with live.undo_group("Move chairs"): ...`
-        Groups nest: the outermost one counts."""
+        Groups nest: the outermost one counts. The history has the label, too (`live.log(label=...)`), at most 1,000 bytes
+        of it."""
         self._client.begin_undo_group(label)
         try:
             yield
@@ -511,7 +512,8 @@ class Live:
     # -- history
 
     def log(self, by: str | typing.Iterable[str] = (), since: Moment = None, until: Moment = None, path: str = "",
-            kind: str | typing.Iterable[str] = (), layer: str = "", limit: int | None = None) -> typing.Iterator[LoggedCommit]:
+            kind: str | typing.Iterable[str] = (), layer: str = "", limit: int | None = None,
+            label: str = "") -> typing.Iterator[LoggedCommit]:
         """Yields the commits of the past, the newest first, as `usdlive log` finds them:
 
             for commit in live.log(by="ann", since="2h", layer="shot.usda", path="/World/Chair"):
@@ -520,7 +522,8 @@ class Live:
         `by`: only commits of these users. `since`, `until`: a text as for the command ("30m", "2026-11-29 14:05"), seconds
         since 1970, a datetime, or a timedelta for a time before now. `path`: only edits of this spec of `layer` and of
         everything below it; it is followed through renames into the past. `kind`: only opinions of these kinds, as in
-        `may_edit()`. With a path, a kind or a layer, commits have only the edits that fit. `limit`: the most commits.
+        `may_edit()`. With a path, a kind or a layer, commits have only the edits that fit. `label`: only commits with this text
+        in their label, in any case. `limit`: the most commits.
 
         The iterator reads the history in pages, and each page waits for the server. Raises an Error: `invalidArgument` (an
         argument; a notice handler during `tick()`), `invalidPath`, `layerNotFound`, `notConnected`."""
@@ -529,7 +532,7 @@ class Live:
             raise Error("invalidArgument", f"the limit is {limit}: it must be 0 or more")
         by, kind = ((one,) if isinstance(one, str) else tuple(one) for one in (by, kind))
         return self._pages({"users": list(by), "kinds": list(kind), "since": milliseconds(since), "until": milliseconds(until),
-                            "layer": layer, "path": path}, limit)
+                            "layer": layer, "path": path, "label": label}, limit)
 
     def _pages(self, query: dict, limit: int | None) -> typing.Iterator[LoggedCommit]:
         left = float("inf") if limit is None else limit

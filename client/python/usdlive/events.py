@@ -147,12 +147,14 @@ class Committed:
     """A user's edits were committed, possibly one's own (see `client`). `time`: seconds since 1970.
     `conflated`: the number of earlier commits that this one includes, because this client has fallen behind.
     Its edits are then of several users ("") and without registers that were written again. `missed`: one's own
-    commit from while the connection was lost. It arrives after Connected, although it is older."""
+    commit from while the connection was lost. It arrives after Connected, although it is older. `label`: that of
+    the author's undo group, or ""."""
 
     revision: int
     user: str
     client: str
     time: float
+    label: str
     edits: tuple[Edit, ...]
     conflated: int = 0
     missed: bool = False

@@ -59,10 +59,13 @@ Result<void> joinLayers(Link& link, const std::set<LayerId>& layers) {
     return runUntil(link, layers, areJoined).map([](Revision) {});
 }
 
-Result<Revision> submitEdits(Link& link, std::vector<client::AuthoredEdit> edits) {
+Result<Revision> submitEdits(Link& link, std::vector<client::AuthoredEdit> edits,
+                             const std::string& label) {
     std::set<LayerId> layers;
     for (const client::AuthoredEdit& edit : edits) layers.insert(edit.layer);
+    link.session().beginUndoGroup(label);
     link.session().author(std::move(edits));
+    link.session().endUndoGroup();
     return runUntil(link, layers, [&] { return link.session().pendingTransactions() == 0; });
 }
 

@@ -322,6 +322,8 @@ private:
                 },
                 "Only commits until then")
             ->type_name("TIME");
+        verb.add_option("--label", filter.label, "Only commits with this text in their label")
+            ->type_name("TEXT");
         verb.add_option("--path", filter.path,
                         "Only edits of this spec and below; it is followed through renames")
             ->type_name("PATH");

@@ -305,6 +305,7 @@ Json toJson(const Commit& commit, const LayerId& layer, BlobSource& blobs) {
               {"user", commit.user.value},
               {"client", commit.id.client.value},
               {"sequence", commit.id.sequence}};
+    if (!commit.label.empty()) json["label"] = commit.label;
     if (commit.imported) json["imported"] = commit.imported->value;
     json["dropped"] = commit.dropped.size();
     Json& edits = json["edits"] = Json::array();

@@ -25,6 +25,13 @@ void printEdits(const std::vector<client::AuthoredEdit>& edits) {
         std::cout << "    " << edit.layer.value << "  " << describe(edit) << "\n";
 }
 
+std::string revertLabel(const RevertOptions& options) {
+    if (options.first == 0) return "Revert";
+    if (options.first == options.last) return "Revert of revision " + std::to_string(options.first);
+    return "Revert of revisions " + std::to_string(options.first) + " to " +
+           std::to_string(options.last);
+}
+
 /// A value that the edits name may not be in the project any more: it is sent again.
 Result<void> fetchBlobs(Link& link, const std::vector<client::AuthoredEdit>& edits) {
     return link.fetchBlobs(commitOf(edits));
@@ -177,8 +184,9 @@ Result<void> revert(const RevertOptions& options) {
         // Others may have committed meanwhile.
         if (link.session().revision() == chosen.newest()) break;
     }
-    const auto revision = options.dryRun || taken.edits.empty() ? Result<Revision>(0)
-                                                                : submitEdits(link, taken.edits);
+    const auto revision = options.dryRun || taken.edits.empty()
+                              ? Result<Revision>(0)
+                              : submitEdits(link, taken.edits, revertLabel(options));
     if (!revision) return tl::unexpected(revision.error());
     printDone(options, link, "reverted", options.dryRun, taken.edits, taken.kept, *revision);
     if (options.dryRun || taken.kept.empty()) return {};
@@ -236,8 +244,9 @@ Result<void> restore(const RestoreOptions& options) {
         if (auto here = fetchBlobs(link, edits); !here) return here;
         if (link.session().revision() == now) break;
     }
-    const auto revision =
-        options.dryRun || edits.empty() ? Result<Revision>(0) : submitEdits(link, edits);
+    const auto revision = options.dryRun || edits.empty()
+                              ? Result<Revision>(0)
+                              : submitEdits(link, edits, "Restore revision " + std::to_string(*to));
     if (!revision) return tl::unexpected(revision.error());
     printDone(options, link, "restored", options.dryRun, edits, {}, *revision);
     return {};

@@ -220,6 +220,7 @@ std::string describe(const Commit& commit, std::size_t maxEdits, const LayerId& 
     if (commit.imported) return text + "  imported " + commit.imported->value + " from its file\n";
     text += "  " + counted(commit.edits.size(), "edit");
     if (!commit.dropped.empty()) text += ", " + number(commit.dropped.size()) + " dropped";
+    if (!commit.label.empty()) text += "  " + printable(commit.label);
     text += "\n";
     std::size_t shown = 0;
     for (const Edit& edit : commit.edits) {

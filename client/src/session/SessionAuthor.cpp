@@ -79,6 +79,7 @@ bool Session::Impl::writeAgain(std::vector<AuthoredEdit>& edits) {
     if (gesture_ || frozen_ || dirty_) return false;
     Pending* pending = pending_.writtenAgainBy(edits);
     if (!pending || !pending->prognosis.complete) return false;
+    if (pending->transaction.label != labelOf(undo_.label())) return false;
     addresses_.rebase(*pending);
     Transaction& transaction = pending->transaction;
     const auto number = [&](std::size_t index) {
@@ -129,6 +130,7 @@ Pending Session::Impl::newPending() {
     Pending pending;
     pending.transaction.id = {options_.client, pending_.nextSequence()};
     pending.transaction.base = revision_;
+    pending.transaction.label = labelOf(undo_.label());
     return pending;
 }
 
@@ -247,6 +249,7 @@ void Session::Impl::endGesture() {
     if (!gesture_) return;
     Gesture ended = std::move(*gesture_);
     gesture_.reset();
+    ended.pending.transaction.label = labelOf(undo_.label());
     undo_.end();
     // Only its last values have to be stored.
     for (const Edit& edit : ended.pending.transaction.edits)
@@ -290,6 +293,8 @@ Result<UndoResult> Session::Impl::takeBack(UndoStack::Direction direction) {
     };
     const auto docOf = [this](const LayerId& layer) { return view(layer); };
     UndoResult result = undo_.takeBack(direction, docOf, author);
+    pending.transaction.label =
+        labelOf((direction == UndoStack::Direction::Undo ? "Undo: " : "Redo: ") + result.label);
     if (!pending.authored.empty()) pending_.add(std::move(pending));
     if (std::exchange(createdExisting_, false)) {
         restartPrediction();

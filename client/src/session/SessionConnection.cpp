@@ -270,6 +270,7 @@ void Session::Impl::handle(Acceptance&& accepted) {
     commit.timeMs = accepted.timeMs;
     commit.gesture = own->transaction.gesture;
     commit.edits = own->transaction.edits;
+    commit.label = own->transaction.label;
     commit.previous = accepted.previous;
     handle(std::move(received));
 }

@@ -202,6 +202,8 @@ void UndoStack::end() {
     bound();
 }
 
+std::string UndoStack::label() const { return current_ ? current_->label : std::string(); }
+
 UndoLabels UndoStack::labels() const {
     UndoLabels labels;
     for (const StepPtr& step : undo_) labels.undo.push_back(step->label);

@@ -52,6 +52,8 @@ public:
     void end();
     [[nodiscard]] bool isOpen() const { return depth_ > 0; }
     [[nodiscard]] UndoLabels labels() const;
+    /// Returns the label of the open group; empty if none is open, or it has none.
+    [[nodiscard]] std::string label() const;
 
     // --- own edits
     /// Returns whether an edit that transaction `sequence` is going to make goes with a spec that

@@ -2,6 +2,7 @@
 #include "usdlive/common/history/CommitFilter.h"
 
 #include <algorithm>
+#include <string_view>
 #include <unordered_set>
 #include <utility>
 
@@ -33,6 +34,12 @@ private:
     std::unordered_set<std::string> created_;
 };
 
+/// Letters of ASCII count in any case.
+bool containsText(std::string_view text, std::string_view part) {
+    const auto lower = [](char one) { return one >= 'A' && one <= 'Z' ? char(one + 32) : one; };
+    return !std::ranges::search(text, part, {}, lower, lower).empty() || part.empty();
+}
+
 }  // namespace
 
 CommitSearch::CommitSearch(CommitFilter filter) : filter_(std::move(filter)) {
@@ -41,7 +48,8 @@ CommitSearch::CommitSearch(CommitFilter filter) : filter_(std::move(filter)) {
 
 std::optional<CommitSearch::Found> CommitSearch::look(const Commit& commit) {
     const bool isChosen = (filter_.users.empty() || filter_.users.contains(commit.user)) &&
-                          commit.timeMs >= filter_.sinceMs && commit.timeMs <= filter_.untilMs;
+                          commit.timeMs >= filter_.sinceMs && commit.timeMs <= filter_.untilMs &&
+                          containsText(commit.label, filter_.label);
     if (!isChosen && !path_) return std::nullopt;
     std::vector<bool> fits(commit.edits.size(), true);
     if (!filter_.kinds.empty()) {

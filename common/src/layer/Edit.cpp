@@ -1,6 +1,8 @@
 // Names the kinds of specs, and says what an edit moves and which blobs it names.
 #include "usdlive/common/layer/Edit.h"
 
+#include "usdlive/common/core/Utf8.h"
+
 namespace usdlive {
 
 Revision newestSeen(const Transaction& transaction) {
@@ -48,6 +50,23 @@ std::string_view specKindName(SpecKind kind) {
             return "variant set";
     }
     return "unknown kind";
+}
+
+std::string labelOf(std::string_view text) {
+    std::string label;
+    while (!text.empty()) {
+        const std::string_view before = text;
+        const auto point = takeCodePoint(text);
+        if (!point) {  // not UTF-8
+            text.remove_prefix(1);
+            continue;
+        }
+        const std::string_view written = before.substr(0, before.size() - text.size());
+        if (label.size() + written.size() > kMaxLabelBytes) break;
+        const bool isControl = *point < 0x20 || (*point >= 0x7f && *point < 0xa0);
+        label += isControl ? std::string_view(" ") : written;
+    }
+    return label;
 }
 
 void forEachBlob(const EditAction& action, const std::function<void(const Value&)>& visit) {

@@ -202,6 +202,7 @@ bool mayBeCompact(const std::vector<Edit>& edits) {
 
 std::optional<CompactFrame> encodeCompact(const Transaction& transaction, NameNumbers& names) {
     if (transaction.seen != 0 && transaction.seen != transaction.base) return std::nullopt;
+    if (!transaction.label.empty()) return std::nullopt;
     return encoded(compact::Kind::Submit, transaction.edits, transaction, names);
 }
 
@@ -210,7 +211,8 @@ std::optional<CompactFrame> encodeCompact(const PreviewFrame& preview, NameNumbe
 }
 
 std::optional<CompactFrame> encodeCompact(const CompactCommit& commit, NameNumbers& names) {
-    if (commit.commit.dropped.size() > kMaxCompactEdits || commit.commit.firstUnseen != 0)
+    if (commit.commit.dropped.size() > kMaxCompactEdits || commit.commit.firstUnseen != 0 ||
+        !commit.commit.label.empty())
         return std::nullopt;
     return encoded(compact::Kind::Commit, commit.commit.edits, commit, names);
 }

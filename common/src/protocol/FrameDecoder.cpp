@@ -181,6 +181,12 @@ private:
         return result;
     }
 
+    std::string label(const flatbuffers::String* written) {
+        if (!written) return {};
+        std::string label = text(written);
+        require(label == labelOf(label), "a label is too long or has control characters");
+        return label;
+    }
     Frame submit(const wire::Submit& submit) {
         layers(submit.layers());
         require(submit.sequence() != 0, "a transaction has no number");
@@ -189,6 +195,7 @@ private:
         frame.transaction.base = submit.base();
         frame.transaction.gesture = submit.gesture();
         frame.transaction.seen = submit.seen();
+        frame.transaction.label = label(submit.label());
         frame.transaction.edits = edits(submit.edits());
         frame.part = submit.part();
         frame.more = submit.more();
@@ -214,6 +221,7 @@ private:
                     {dropped->index(), errorCode(dropped->reason()), edit(*dropped->edit())});
         }
         result.previous = hash(commit.previous());
+        result.label = label(commit.label());
         result.conflated = commit.conflated();
         result.firstUnseen = commit.first_unseen();
         require(result.firstUnseen == 0 || result.firstUnseen < result.revision,

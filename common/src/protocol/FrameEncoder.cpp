@@ -304,6 +304,9 @@ private:
     Offset<wire::Control> write(const ControlFrame& frame) {
         return wire::CreateControl(builder_, builder_.CreateString(frame.json));
     }
+    TextOffset labelOfPart(const std::string& label, std::uint32_t part) {
+        return label.empty() || part != 0 ? TextOffset() : text(label);
+    }
     Offset<wire::Submit> write(const SubmitFrame& frame) {
         return write(frame.transaction, edits(frame.transaction.edits), frame.part, frame.more);
     }
@@ -311,8 +314,10 @@ private:
                                bool more) {
         const auto layers = builder_.CreateVector(layers_);
         const TextOffset client = text(transaction.id.client.value);
+        const TextOffset label = labelOfPart(transaction.label, part);
         return wire::CreateSubmit(builder_, client, transaction.id.sequence, transaction.base,
-                                  transaction.gesture, layers, edits, part, more, transaction.seen);
+                                  transaction.gesture, layers, edits, part, more, transaction.seen,
+                                  label);
     }
     Offset<wire::Commit> write(const CommitFrame& frame) {
         const EditVector edits = this->edits(frame.commit.edits);
@@ -328,10 +333,11 @@ private:
         const TextOffset imported = commit.imported ? text(commit.imported->value) : TextOffset();
         const Vector previous = bytes(commit.previous.bytes);
         const Vector hashAfter = after ? bytes(after->bytes) : Vector();
+        const TextOffset label = labelOfPart(commit.label, part);
         return wire::CreateCommit(builder_, commit.revision, commit.epoch, client,
                                   commit.id.sequence, user, commit.timeMs, commit.gesture, imported,
                                   layers, edits, dropped, previous, hashAfter, commit.conflated,
-                                  part, more, commit.firstUnseen);
+                                  part, more, commit.firstUnseen, label);
     }
     Offset<wire::Refusal> write(const RefusalFrame& frame) {
         const TextOffset code = text(errorName(frame.error.code));

@@ -175,6 +175,7 @@ std::optional<HistoryLine::Made> HistoryLine::make(const Transaction& transactio
                   std::move(executed.dropped),
                   executedHash_};
     commit.firstUnseen = firstUnseen(transaction, executed.edits, made.revision);
+    commit.label = transaction.label;
     const auto addBlob = [&](const Value& blob) { made.blobs.push_back(blob.hash()); };
     for (const DroppedEdit& dropped : commit.dropped) forEachBlob(dropped.edit.action, addBlob);
     commit.edits.reserve(executed.edits.size());
@@ -192,7 +193,8 @@ std::optional<HistoryLine::Made> HistoryLine::make(const Transaction& transactio
     if (commit.dropped.empty() && commit.edits == transaction.edits)
         made.acceptance = Acceptance{made.revision, epoch_,        made.id.sequence,
                                      commit.timeMs, executedHash_, made.hash};
-    if (commit.firstUnseen == 0 && mayBeCompact(commit.edits) && !isInParts(*record.frame))
+    if (commit.firstUnseen == 0 && commit.label.empty() && mayBeCompact(commit.edits) &&
+        !isInParts(*record.frame))
         made.content =
             std::make_shared<const CompactCommit>(CompactCommit{std::move(commit), made.hash});
     return std::pair(std::move(made), std::move(record));

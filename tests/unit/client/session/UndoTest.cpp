@@ -122,6 +122,31 @@ TEST_F(UndoTest, AGroupIsOneStepWithItsLabel) {
     EXPECT_EQ(peer.session.undoLabels().redo, Names{"Paint"});
 }
 
+TEST_F(UndoTest, M18TheCommitsOfAGroupHaveItsLabel) {
+    const auto labels = [&] {
+        std::vector<std::string> all;
+        while (const auto submit = peer.take<SubmitFrame>())
+            all.push_back(submit->transaction.label);
+        return all;
+    };
+    labels();
+    peer.session.beginUndoGroup("Paint\nwalls");
+    comment("/A", "1");
+    comment("/B", "1");
+    peer.session.endUndoGroup();
+    comment("/A", "2");  // SE15: it may not replace the value of the group
+    peer.advance();
+    EXPECT_EQ(labels(), (Names{"Paint walls", "Paint walls", ""}));
+    peer.session.beginUndoGroup(std::string(2'000, 'x') + "\xff");
+    peer.session.beginGesture();
+    comment("/A", "3");
+    peer.session.endGesture();
+    peer.session.endUndoGroup();
+    undo();
+    peer.advance();
+    EXPECT_EQ(labels(), (Names{std::string(1'000, 'x'), "Undo: " + std::string(994, 'x')}));
+}
+
 TEST_F(UndoTest, AGestureIsOneStep) {
     peer.session.beginGesture();
     for (const char* text : {"1", "2", "3"}) comment("/A", text);

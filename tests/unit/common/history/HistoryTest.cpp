@@ -42,6 +42,15 @@ TEST(CommitFilter, ChoosesByUserAndTime) {
     EXPECT_EQ(foundBy({.untilMs = 999}, commit), kNotFound);
 }
 
+TEST(CommitFilter, M18ChoosesByAPartOfTheLabel) {
+    Commit commit = commitOf("ann", {edit("/A", setInt("f", 1))});
+    EXPECT_EQ(foundBy({.label = "chairs"}, commit), kNotFound);
+    commit.label = "Move Chairs é";
+    for (const char* part : {"", "chairs", "MOVE", "Chairs é", "e c"})
+        EXPECT_EQ(foundBy({.label = part}, commit), 1u) << part;
+    EXPECT_EQ(foundBy({.label = "tables"}, commit), kNotFound);
+}
+
 TEST(CommitFilter, ChoosesEditsByLayerPathAndKind) {
     const Commit commit =
         commitOf("ann", {edit("/A", setInt("f", 1)), edit("/A.x", setInt("default", 1)),

@@ -102,6 +102,16 @@ TEST(CompactFrame, WhatAnAuthorHadSeenIsCompactOnlyIfItIsTheBase) {
     EXPECT_FALSE(encodeCompact(transaction, names));
 }
 
+TEST(CompactFrame, M18ALabelIsNotCompact) {
+    NameNumbers names;
+    CompactCommit commit{sampleCommit(), {}};
+    commit.commit.label = "Move chairs";
+    EXPECT_FALSE(encodeCompact(commit, names));
+    Transaction transaction{{{}, 1}, 5, 0, everyKindOfEdit()};
+    transaction.label = "Move chairs";
+    EXPECT_FALSE(encodeCompact(transaction, names));
+}
+
 TEST(CompactFrame, ATransformIsSmall) {
     Line line;
     CompactCommit commit{sampleCommit(), {}};

@@ -16,6 +16,7 @@ Commit largeCommit() {
         commit.edits.insert(commit.edits.end(), kinds.begin(), kinds.end());
     for (std::uint32_t index = 0; index < 20; ++index)
         commit.dropped.push_back({index, ErrorCode::SpecDeleted, kinds.front()});
+    commit.label = "Move chairs";
     return commit;
 }
 
@@ -49,7 +50,8 @@ TEST(FrameParts, FR8ACommitInPartsComesBackAsItWas) {
 }
 
 TEST(FrameParts, FR8ATransactionInPartsComesBackAsItWas) {
-    const Transaction transaction{{{"client"}, 4}, 17, 5, largeCommit().edits};
+    Transaction transaction{{{"client"}, 4}, 17, 5, largeCommit().edits};
+    transaction.label = "Move chairs";
     const auto parts = partsOf(transaction, 2'000);
     ASSERT_GT(parts.size(), 5u);
     SubmitParts joining;

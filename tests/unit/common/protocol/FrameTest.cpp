@@ -28,11 +28,34 @@ ErrorCode refusal(const Bytes& frame) {
     return decoded ? ErrorCode::Internal : decoded.error().code;
 }
 
+TEST(Frame, M18ALabelIsShortAndOnOneLine) {
+    for (const std::string& label : {std::string(1'001, 'x'), std::string("a\nb"),
+                                     std::string("a\0b", 3), std::string("\x7f")}) {
+        SubmitFrame submit{{{{"client"}, 4}, 17, 5, everyKindOfEdit()}};
+        submit.transaction.label = label;
+        EXPECT_EQ(refusal(encodeFrame(submit)), ErrorCode::MalformedFrame);
+        EXPECT_NE(labelOf(label), label);
+        EXPECT_EQ(labelOf(labelOf(label)), labelOf(label));
+    }
+    EXPECT_EQ(labelOf("a\nb"), "a b");
+    EXPECT_EQ(labelOf("a\xff"
+                      "b"),
+              "ab");
+    EXPECT_EQ(labelOf(std::string(999, 'x') + "é"), std::string(999, 'x'));
+}
+
 TEST(Frame, EveryKindComesBackAsItWas) {
     expectRoundTrip(ControlFrame{R"({"type":"hello"})"});
     expectRoundTrip(SubmitFrame{{{{"client"}, 4}, 17, 5, everyKindOfEdit()}});
     expectRoundTrip(SubmitFrame{{{{"client"}, 1}, 0, 0, {}}});
     expectRoundTrip(CommitFrame{sampleCommit()});
+    for (const std::string& label : {std::string("Möve chairs"), std::string(1'000, 'x')}) {  // M18
+        SubmitFrame submit{{{{"client"}, 4}, 17, 5, everyKindOfEdit()}};
+        CommitFrame commit{sampleCommit()};
+        submit.transaction.label = commit.commit.label = label;
+        expectRoundTrip(submit);
+        expectRoundTrip(commit);
+    }
     expectRoundTrip(RefusalFrame{4, 2, {ErrorCode::MoveIntoItself, "/A cannot go below /A/B"}});
     expectRoundTrip(PreviewFrame{{"someone"}, 3, 17, everyKindOfEdit()});
     expectRoundTrip(PreviewFrame{{}, 3, 17, {}});

@@ -249,7 +249,8 @@ public:
     /// Returns the labels of the steps.
     [[nodiscard]] client::UndoLabels undoStack() const;
     /// Edits between the two calls are one step, over any number of ticks. Calls nest: the
-    /// outermost two count. A gesture is a group, too.
+    /// outermost two count. A gesture is a group, too. The history has the label of the first of
+    /// them that has one, at most kMaxLabelBytes of it.
     void beginUndoGroup(const std::string& label);
     void endUndoGroup();
     /// Ends a group at the end of a scope: `auto group = client.undoGroup("Move chairs");`

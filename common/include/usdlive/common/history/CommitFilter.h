@@ -21,6 +21,7 @@ struct CommitFilter {
     LayerId layer = {};                                               ///< empty: all layers
     std::string path = {};             ///< in `layer`, with everything below; empty: all of it
     std::set<OpinionKind> kinds = {};  ///< empty: all kinds
+    std::string label = {};            ///< a part of their label, in any case; empty: all commits
 
     [[nodiscard]] bool choosesEdits() const {
         return !layer.empty() || !path.empty() || !kinds.empty();

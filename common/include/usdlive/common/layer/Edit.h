@@ -135,6 +135,12 @@ struct TransactionId {
 };
 
 /// The edits that an author submits, to be committed together or not at all.
+/// The most bytes of Transaction::label.
+inline constexpr std::size_t kMaxLabelBytes = 1'000;
+/// Returns a text as a label can be: at most kMaxLabelBytes of whole characters, and spaces in
+/// place of control characters.
+[[nodiscard]] std::string labelOf(std::string_view text);
+
 struct Transaction {
     TransactionId id;
     Revision base = 0;          ///< the revision that the addresses refer to
@@ -142,6 +148,7 @@ struct Transaction {
     std::vector<Edit> edits;
     /// M16: the newest revision that the author had seen; 0: `base`.
     Revision seen = 0;
+    std::string label = {};  ///< what the author calls it, "Move chairs" (M18); may be empty
     bool operator==(const Transaction&) const = default;
 };
 
@@ -201,6 +208,7 @@ struct Commit {
     /// M17: in a commit that deletes specs, the first earlier commit that its author had not seen;
     /// 0: the author had seen all of them.
     Revision firstUnseen = 0;
+    std::string label = {};  ///< that of its transaction (M18)
     bool operator==(const Commit&) const = default;
 };
 
