@@ -208,6 +208,9 @@ void addStorageOptions(CLI::App& app, ServerOptions& options) {
         ->type_name(kNumber)
         ->check(between(0, 1'000'000))
         ->group(group);
+    app.add_flag("--reload-files", options.reloadsFiles,
+                 "Reload a file that another program has changed, unless\n"
+                 "there are unsaved edits of its layer");
     app.add_option("--history-days", options.historyDays,
                    "Replace older commits by the content of the layers at\n"
                    "that time, but none after the oldest checkpoint; default:\n"

@@ -82,6 +82,7 @@ Project::Options projectOptions(const std::string& name, const ServerOptions& op
     project.maxUserLayers = options.maxUserLayers;
     for (const std::string& user : options.administrators) project.administrators.insert({user});
     project.historyDays = options.historyDays;
+    project.reloadsFiles = options.reloadsFiles;
     project.lockTakeoverMs = std::int64_t(options.lockTakeoverMinutes) * 60'000;
     project.keepUnusedBlobsMs = std::int64_t(options.keepUnusedBlobsMinutes) * 60'000;
     return project;

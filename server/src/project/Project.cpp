@@ -135,7 +135,9 @@ void Project::skippedListed(SessionId session, std::uint64_t request,
 }
 void Project::fileChecked(const LayerId& layer, Result<std::optional<FileStamp>> file) {
     impl_->fileStates_.checked(layer, file);
-    impl_->states_.announce();
+    if (impl_->options_.reloadsFiles && impl_->fileStates_.isOutdated(layer))
+        impl_->reloads_.reloadByItself(layer);
+    impl_->finishCall();
 }
 void Project::layerReloaded(SessionId session, std::uint64_t request, const LayerId& layer,
                             Result<ReloadedLayer> reloaded) {

@@ -37,9 +37,26 @@ void Reloads::request(Session& session, const ReloadLayers& asked) {
     advance();
 }
 
+void Reloads::reloadByItself(const LayerId& layer) {
+    if (!layers_->has(layer) || fileStates_->isDirty(layer) || needs(layer)) return;
+    Request request;
+    request.request = ++ownRequests_;
+    request.waiting.insert(layer);
+    layers_->require(layer);
+    requests_.push_back(std::move(request));
+    advance();
+}
+
+const Subject* Reloads::subjectOf(const Request& request) const {
+    static const Subject kNobody;
+    if (request.session == 0) return &kNobody;
+    const Session* session = sessions_->find(request.session);
+    return session ? &session->subject : nullptr;
+}
+
 void Reloads::advance() {
     std::erase_if(requests_, [this](Request& request) {
-        if (!sessions_->find(request.session)) return true;
+        if (!subjectOf(request)) return true;
         readLoaded(request);
         if (!request.waiting.empty() || !request.reading.empty()) return false;
         request.outcome.revision = line_->executed();
@@ -53,7 +70,7 @@ void Reloads::advance() {
 
 /// Requests the files of the loaded layers.
 void Reloads::readLoaded(Request& request) {
-    const Session& session = *sessions_->find(request.session);
+    const Subject& subject = *subjectOf(request);
     std::erase_if(request.waiting, [&](const LayerId& layer) {
         const LayerLoading& loading = *layers_->loading(layer);
         if (const auto* problem = std::get_if<LoadFailed>(&loading)) {
@@ -61,7 +78,7 @@ void Reloads::readLoaded(Request& request) {
             return true;
         }
         if (!std::holds_alternative<Loaded>(loading)) return false;
-        if (const auto locked = access_->toReload(session.subject, layer))
+        if (const auto locked = access_->toReload(subject, layer))
             request.addFailure(layer, *locked);
         else
             read(request, layer, 1);
@@ -79,8 +96,8 @@ void Reloads::fileRead(SessionId id, std::uint64_t number, const LayerId& layer,
     const auto request = std::ranges::find_if(requests_, [&](const Request& one) {
         return one.session == id && one.request == number && one.reading.contains(layer);
     });
-    const Session* session = sessions_->find(id);
-    if (request == requests_.end() || !session) return advance();
+    const Subject* subject = request == requests_.end() ? nullptr : subjectOf(*request);
+    if (!subject) return advance();
     const Reading reading = request->reading.extract(layer).mapped();
     if (!layers_->isLoaded(layer)) {  // its commits were rolled back during the read
         request->waiting.insert(layer);
@@ -91,6 +108,8 @@ void Reloads::fileRead(SessionId id, std::uint64_t number, const LayerId& layer,
     Result<void> taken;
     if (!reloaded) {
         taken = tl::unexpected(reloaded.error());
+    } else if (id == 0 && fileStates_->isDirty(layer)) {
+        taken = fail(ErrorCode::LayerOutdated, layer.value + " was edited meanwhile");
     } else if (wasEdited && reading.attempt < kAttempts) {
         return read(*request, layer, reading.attempt + 1);
     } else {
@@ -99,7 +118,7 @@ void Reloads::fileRead(SessionId id, std::uint64_t number, const LayerId& layer,
         if (reloaded->edits.empty())
             request->unchanged.emplace_back(layer, SavedState{line_->executed(), reloaded->file});
         else
-            taken = take(*session, layer, std::move(*reloaded));
+            taken = take(*subject, layer, std::move(*reloaded));
     }
     if (taken)
         request->outcome.reloaded.push_back(layer);
@@ -110,13 +129,13 @@ void Reloads::fileRead(SessionId id, std::uint64_t number, const LayerId& layer,
 
 /// Commits the difference in the name of the requesting user. The commit is not a transaction of
 /// the client.
-Result<void> Reloads::take(const Session& session, const LayerId& layer, ReloadedLayer reloaded) {
-    if (const auto locked = access_->toReload(session.subject, layer))
-        return tl::unexpected(*locked);
+Result<void> Reloads::take(const Subject& subject, const LayerId& layer, ReloadedLayer reloaded) {
+    if (const auto locked = access_->toReload(subject, layer)) return tl::unexpected(*locked);
     if (const auto error = store_->whyNotWritable()) return tl::unexpected(*error);
-    HistoryLine::OwnEdits edits{std::move(reloaded.edits), session.subject.user};
+    HistoryLine::OwnEdits edits{std::move(reloaded.edits), subject.user};
+    edits.label = "Reload of " + layer.value;
     edits.check = [&](const Executed& executed, const LayerDocs& before) -> std::optional<Refused> {
-        auto locked = access_->toEdits(session.subject, executed.edits, before);
+        auto locked = access_->toEdits(subject, executed.edits, before);
         return locked ? std::optional(Refused{std::move(locked->second)}) : std::nullopt;
     };
     edits.file.emplace(layer, reloaded.file);
@@ -135,13 +154,13 @@ void Reloads::answer(const Request& request) {
         files_->setSaved(layer, saved);
     }
     const Session* session = sessions_->greeted(request.session);
-    if (!session) return;
+    if (!session && request.session != 0) return;
+    const UserName user = subjectOf(request)->user;
     for (const LayerId& layer : request.outcome.reloaded)
-        activity_->record({"layer reloaded", session->subject.user, layer});
+        activity_->record({"layer reloaded", user, layer});
     for (const auto& failure : request.outcome.failed)
-        activity_->record(
-            {"reload refused", session->subject.user, failure.layer, failure.message});
-    sessions_->send(*session, request.outcome);
+        activity_->record({"reload refused", user, failure.layer, failure.message});
+    if (session) sessions_->send(*session, request.outcome);
 }
 
 bool Reloads::needs(const LayerId& layer) const {

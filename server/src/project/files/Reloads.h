@@ -17,7 +17,8 @@ namespace usdlive::server {
 
 /// Requests to reload layers from their files. Each file is read and compared by a worker; the
 /// difference becomes a commit in the name of the requesting user. A request is answered when its
-/// commits are durable. If commits are rolled back, their layers are read again.
+/// commits are durable. If commits are rolled back, their layers are read again. Nobody requests
+/// reloadByItself(), which commits in the name of nobody and only what nobody has changed.
 class Reloads : public LineListener, public LayerListener {
 public:
     Reloads(HistoryLine& line, const StoreCondition& store, LayerTable& layers,
@@ -33,6 +34,8 @@ public:
           activity_(ports.activity) {}
 
     void request(Session& session, const ReloadLayers& request);
+    /// Reloads a layer whose file was changed, unless there are unsaved edits of it (FI8).
+    void reloadByItself(const LayerId& layer);
 
     /// Returns whether a request waits for the layer or reads its file.
     [[nodiscard]] bool needs(const LayerId& layer) const;
@@ -55,7 +58,7 @@ private:
         int attempt = 0;
     };
     struct Request {
-        SessionId session = 0;
+        SessionId session = 0;  ///< 0: nobody's
         std::uint64_t request = 0;
         std::set<LayerId> waiting;  ///< layers that are being loaded
         std::map<LayerId, Reading> reading;
@@ -73,7 +76,9 @@ private:
     void advance();
     void readLoaded(Request& request);
     void read(Request& request, const LayerId& layer, int attempt);
-    Result<void> take(const Session& session, const LayerId& layer, ReloadedLayer reloaded);
+    /// Returns whose request it is; nullptr if its session has ended.
+    [[nodiscard]] const Subject* subjectOf(const Request& request) const;
+    Result<void> take(const Subject& subject, const LayerId& layer, ReloadedLayer reloaded);
     void answer(const Request& request);
 
     Wire<HistoryLine> line_;
@@ -85,6 +90,7 @@ private:
     Wire<ports::Files> files_;
     Wire<ports::Activity> activity_;
 
+    std::uint64_t ownRequests_ = 0;
     std::vector<Request> requests_;
     std::deque<Request> pending_;  ///< all files are read; sorted by revision
     std::deque<Taken> taken_;      ///< not durable yet; sorted by revision

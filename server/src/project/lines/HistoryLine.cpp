@@ -114,7 +114,9 @@ Result<Revision> HistoryLine::commitInOrder(OwnEdits own) {
         undo(std::move(before), mark);
         return tl::unexpected(refused->error);
     }
-    auto made = make({}, own.user, std::move(*executed), mark);
+    Transaction transaction;
+    transaction.label = labelOf(own.label);
+    auto made = make(transaction, own.user, std::move(*executed), mark);
     if (!made) {
         undo(std::move(before), mark);
         return fail(ErrorCode::TransactionTooLarge, "more than one commit can hold");

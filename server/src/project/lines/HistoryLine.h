@@ -81,6 +81,7 @@ public:
         /// The file of the layer, which has the layer's content after the commit. Stored with the
         /// commit.
         std::optional<std::pair<LayerId, FileStamp>> file = {};
+        std::string label = {};
     };
     Result<Revision> commitInOrder(OwnEdits edits);
 

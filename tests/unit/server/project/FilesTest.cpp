@@ -18,7 +18,7 @@ Hash hashOf(std::string_view content) { return sha256(asBytes(content)); }
 /// A layer that was saved to a file, opened by two sessions that receive states.
 class FilesTest : public ::testing::Test {
 protected:
-    FilesTest() {
+    explicit FilesTest(const Project::Options& options = {}) : world(options) {
         world.project->setFiles({{kLayer, trace(1), true, "ada"}, {{"b.usda"}, trace(1)}});
         for (const SessionId session : {1, 2}) {
             Hello hello = world.hello(session);
@@ -176,6 +176,81 @@ TEST_F(FilesTest, FI3AReloadIsACommitOfItsRequester) {
     EXPECT_EQ(received.saved, 1u);
     world.nextFrame<CommitFrame>(1);
     EXPECT_EQ(world.nextControl<LayersReloaded>(1), (LayersReloaded{5, 1, {kLayer}, {}}));
+}
+
+class ReloadsFiles : public FilesTest {
+protected:
+    static Project::Options options() {
+        Project::Options options;
+        options.reloadsFiles = true;
+        return options;
+    }
+    ReloadsFiles() : FilesTest(options()) {}
+};
+
+TEST_F(ReloadsFiles, FI8AChangedFileIsReloadedByItself) {
+    changeBehind();
+    ASSERT_EQ(world.host.reloading.size(), 1u);
+    read(other());
+    EXPECT_TRUE(*world.project->layer(kLayer) == other());
+    world.store();
+    const auto commit = world.nextFrame<CommitFrame>(2).commit;
+    EXPECT_EQ(commit.user, UserName());
+    EXPECT_EQ(commit.label, "Reload of a.usda");
+    const LayerState received = state();
+    EXPECT_FALSE(received.outdated);
+    EXPECT_FALSE(received.dirty);
+    look(2);
+    EXPECT_TRUE(world.host.checking.empty() && world.host.reloading.empty());
+}
+
+TEST_F(ReloadsFiles, FI8UnsavedEditsStay) {
+    world.submit(2, 1, {create("/Mine")});
+    world.store();
+    world.host.sent.clear();
+    look(2);
+    check(2, "two");
+    EXPECT_TRUE(world.host.reloading.empty());
+    EXPECT_TRUE(world.project->layer(kLayer)->has("/Mine"));
+}
+
+TEST_F(ReloadsFiles, FI8EditsMadeMeanwhileStay) {
+    changeBehind();
+    world.submit(2, 1, {create("/Mine")});
+    read(other());
+    EXPECT_TRUE(world.project->layer(kLayer)->has("/Mine"));
+    EXPECT_TRUE(world.host.reloading.empty());
+    world.store();
+    EXPECT_FALSE(world.project->layer(kLayer)->has("/C"));
+    look(2);
+    EXPECT_TRUE(world.host.checking.empty()) << "once for each change of the file";
+}
+
+TEST_F(ReloadsFiles, FI8AFileThatCannotBeReadIsTriedAgainWhenItChanges) {
+    changeBehind();
+    const FakeHost::Reload reload = std::move(world.host.reloading.front());
+    world.host.reloading.pop_front();
+    world.project->layerReloaded(reload.session, reload.request, reload.layer,
+                                 fail(ErrorCode::LayerUnreadable, "half written"));
+    EXPECT_TRUE(world.host.reloading.empty());
+    world.host.sent.clear();
+    look(3);
+    check(3, "three");
+    EXPECT_EQ(world.host.reloading.size(), 1u);
+}
+
+TEST_F(ReloadsFiles, FI8AReloadThatCouldNotBeStoredIsRepeated) {
+    changeBehind();
+    read(other());
+    world.host.appending.clear();
+    world.project->appendFailed({ErrorCode::StorageFull, "full"}, {0, {}, 1});
+    ASSERT_EQ(world.host.loading.size(), 1u);
+    LoadedLayer loaded{World::sample()};
+    loaded.saved = {0, FileStamp{trace(1), hashOf("one")}};
+    world.project->layerLoaded(kLayer, std::move(loaded));
+    ASSERT_EQ(world.host.reloading.size(), 1u);
+    read(other());
+    EXPECT_TRUE(*world.project->layer(kLayer) == other());
 }
 
 TEST_F(FilesTest, FI3ALayerThatEqualsItsFileNeedsNoCommit) {

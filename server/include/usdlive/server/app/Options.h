@@ -37,6 +37,7 @@ struct ServerOptions {
     std::string ddsSecurity;                  ///< path of a folder
     std::string durability = "sync";          ///< or "os"
     std::optional<std::uint64_t> minFreeMib;  ///< not set: the store's default
+    bool reloadsFiles = false;
     std::uint64_t keepUnusedBlobsMinutes = 15;
     std::optional<std::uint64_t> historyDays;  ///< not set: the whole history is kept
     std::uint64_t maxFrameMib = 64;

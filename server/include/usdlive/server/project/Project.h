@@ -140,6 +140,7 @@ public:
         std::size_t idleLayerBytes = 256ull << 20;
         /// The time for which a big value that nothing names is kept (B6).
         std::int64_t keepUnusedBlobsMs = 15 * 60'000;
+        bool reloadsFiles = false;  ///< reloads changed files without unsaved edits (FI8)
         std::optional<std::uint64_t> historyDays = {};  ///< older commits are replaced by a base
     };
 
