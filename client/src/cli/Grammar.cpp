@@ -75,6 +75,7 @@ public:
         app_.add_subcommand("deny", "Deny edits and actions in a project; see usdlive deny --help");
         app_.add_subcommand("revoke", "Remove an access rule; see usdlive revoke --help");
         app_.add_subcommand("audit", "Print and check the audit log; see usdlive audit --help");
+        app_.add_subcommand("backup", "Copy a project with its history; see usdlive backup --help");
         addJoin();
         addLogin();
         addList();

@@ -60,7 +60,7 @@ int completion(const CLI::App& app, int argc, char** argv) {
 /// Returns whether `usdlive-server` runs the verb.
 bool isOfServer(std::string_view verb) {
     static constexpr std::array kVerbs{"serve", "user",   "access", "grant",
-                                       "deny",  "revoke", "audit"};
+                                       "deny",  "revoke", "audit",  "backup"};
     return std::ranges::find(kVerbs, verb) != kVerbs.end();
 }
 

@@ -27,7 +27,7 @@ constexpr milliseconds kForgetPause{10 * 60'000};
 // The pause between measurements of the free space.
 constexpr milliseconds kSpacePause{500};
 // The pause between looks at the access rules.
-constexpr milliseconds kRulesPause{200};
+constexpr milliseconds kRulesPause{200}, kCopyPause{200};
 // The pause between looks for sign-ins that have ended (AC23).
 constexpr milliseconds kSignInsPause{250};
 // Nobody's messages are handled while more than this waits for the store, and those of a party that
@@ -99,6 +99,10 @@ ProjectRuntime::ProjectRuntime(asio::io_context& network, WorkerShares& workers,
                          "without entries",
                          {{"file", rulesFile_.path().string()}});
           }),
+      copies_(network, workers.history, StoreCopyFile(folder_), kCopyPause,
+              [this](const std::string&, const std::optional<std::string>& name) {
+                  if (name) copyStore(*name);
+              }),
       retryTimer_(network),
       scanTimer_(network),
       sweepTimer_(network),
@@ -118,6 +122,9 @@ Result<void> ProjectRuntime::start(ProjectSetup setup) {
     auto rules = rulesFile_.read();
     if (!rules) return tl::unexpected(rules.error());
     rulesFollower_.start(rulesStamp);
+    const StoreCopyFile copies(folder_);
+    copies.removeCopies();
+    copies_.start(copies.stamp());
     if (*rules) rules_ = std::make_shared<const AccessRules>(std::move(**rules));
     makeProject(std::move(*beginning));
     storage_.start({
@@ -248,6 +255,18 @@ void ProjectRuntime::takeRules(const std::string& stamp, AccessRules rules) {
                       "rules: " + std::to_string(rules_->rules().size())});
     strand_.use([this](Project& project) { project.setRules(rules_); });
     workers_.files->post([file = rulesFile_, stamp] { file.writeTaken(stamp); });
+}
+
+/// The commits that were acknowledged before this are in the copy.
+void ProjectRuntime::copyStore(const std::string& name) {
+    workers_.history->post([this, name, file = StoreCopyFile(folder_)] {
+        const auto made =
+            store_.use([&](CommitStore& store) { return store.copyTo(file.copy(name)); });
+        file.writeAnswer(name, made);
+        log_.write(made ? LogLevel::Info : LogLevel::Warning,
+                   made ? "store copied" : "store not copied",
+                   {{"error", made ? std::string() : made.error().message}});
+    });
 }
 
 void ProjectRuntime::rolesChanged(const std::function<Role(const SignedIn&)>& roleOf) {

@@ -20,6 +20,7 @@
 #include "usdlive/server/app/AccessControl.h"
 #include "usdlive/server/app/AuditCommand.h"
 #include "usdlive/server/app/AuditLog.h"
+#include "usdlive/server/app/BackupCommand.h"
 #include "usdlive/server/app/HttpRoutes.h"
 #include "usdlive/server/app/Options.h"
 #include "usdlive/server/app/Projects.h"
@@ -339,6 +340,8 @@ int main(int argc, char** argv) {
         return runAccountCommand(argc, argv);
     if (argc > 0 && std::string_view(argv[0]) == kAuditCommand) return runAuditCommand(argc, argv);
     if (const auto code = runAccessCommand(argc, argv)) return *code;
+    if (argc > 0 && std::string_view(argv[0]) == kBackupCommand)
+        return runBackupCommand(argc, argv);
     const auto options = parseOptions(argc, argv);
     if (const int* code = std::get_if<int>(&options)) return *code;
     try {

@@ -26,7 +26,7 @@ namespace usdlive::server {
 
 /// A CommitStore in RocksDB. Its parts: RocksCommitStore.cpp (disk space), RocksOpening.cpp,
 /// RocksAppending.cpp (commits and snapshots), RocksReading.cpp (the log, layers and checkpoints),
-/// RocksClients.cpp (transactions of clients), RocksCompacting.cpp (the base).
+/// RocksClients.cpp (transactions of clients), RocksCompacting.cpp (the base), RocksCopying.cpp.
 class RocksCommitStore final : public CommitStore {
 public:
     RocksCommitStore(StoreFolder folder, const RocksCommitStoreOptions& options)
@@ -42,6 +42,7 @@ public:
     [[nodiscard]] Head head() const override;
     [[nodiscard]] Base base() const override;
     Result<void> compact(Revision revision, const KeepRunning& keepRunning) override;
+    [[nodiscard]] Result<void> copyTo(const std::filesystem::path& folder) const override;
     Result<void> append(std::span<const CommitRecord> commits) override;
     Result<void> read(Revision from, Revision to,
                       const std::function<bool(const StoredCommit&)>& visit) const override;
@@ -235,8 +236,8 @@ private:
     std::unordered_map<ClientId, std::uint64_t> highest_;
     std::atomic<Revision> forgotten_ = 0;  // see forgottenUpTo()
 
-    std::mutex compactMutex_;   // held while the base changes
-    std::mutex snapshotMutex_;  // held while a snapshot is written; guards the next
+    mutable std::mutex compactMutex_;  // held while the base changes or is copied
+    std::mutex snapshotMutex_;         // held while a snapshot is written; guards the next
     // Snapshots written since the opening: revision and size by layer.
     std::map<std::uint32_t, std::pair<Revision, std::size_t>> snapshots_;
 

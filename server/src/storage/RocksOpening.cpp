@@ -11,14 +11,6 @@ namespace {
 // The estimated space for opening, which writes the log to tables.
 constexpr std::uint64_t kOpeningBytes = 2 * kMib;
 
-std::uint64_t logBytes(const std::filesystem::path& database) {
-    std::uint64_t bytes = 0;
-    std::error_code error;
-    for (const auto& entry : std::filesystem::directory_iterator(database, error))
-        if (entry.path().extension() == ".log") bytes += entry.file_size(error);
-    return bytes;
-}
-
 }  // namespace
 
 Result<void> RocksCommitStore::open() {

@@ -31,4 +31,13 @@ namespace usdlive::server {
                       status.ToString()};
 }
 
+/// Returns the size of the log of a database.
+[[nodiscard]] inline std::uint64_t logBytes(const std::filesystem::path& database) {
+    std::uint64_t bytes = 0;
+    std::error_code error;
+    for (const auto& entry : std::filesystem::directory_iterator(database, error))
+        if (entry.path().extension() == ".log") bytes += entry.file_size(error);
+    return bytes;
+}
+
 }  // namespace usdlive::server

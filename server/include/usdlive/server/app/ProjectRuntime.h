@@ -22,6 +22,7 @@
 #include "usdlive/server/app/SessionWork.h"
 #include "usdlive/server/app/SharedStore.h"
 #include "usdlive/server/app/StorageThread.h"
+#include "usdlive/server/app/StoreCopyFile.h"
 #include "usdlive/server/app/StoreHistory.h"
 #include "usdlive/server/app/Workers.h"
 #include "usdlive/server/auth/AccessRulesFile.h"
@@ -112,6 +113,7 @@ private:
     void boundHistoryIn(std::chrono::milliseconds pause);
     void lookForSpaceIn(std::chrono::milliseconds pause);
     void takeRules(const std::string& stamp, AccessRules rules);
+    void copyStore(const std::string& name);
     void endSignInsIn(std::chrono::milliseconds pause);
 
     boost::asio::io_context& network_;
@@ -137,6 +139,7 @@ private:
     const AccessRulesFile rulesFile_;
     FileFollower<AccessRulesFile> rulesFollower_;
     std::shared_ptr<const AccessRules> rules_ = std::make_shared<const AccessRules>();
+    FileFollower<StoreCopyFile> copies_;
     ProjectSetup setup_;
     std::function<Role(const SignedIn&)> roleOf_;  ///< empty: roles have not changed yet
     boost::asio::steady_timer retryTimer_, scanTimer_, sweepTimer_, clientsTimer_, historyTimer_,

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <filesystem>
 #include <functional>
 #include <optional>
 #include <set>
@@ -275,6 +276,15 @@ public:
     virtual Result<void> addCheckpoint(const Checkpoint& checkpoint) = 0;
     /// Returns all checkpoints, sorted by name.
     [[nodiscard]] virtual Result<std::vector<Checkpoint>> checkpoints() const = 0;
+
+    /// Makes a store in a new folder with everything that was durable when the call began, and
+    /// perhaps some later commits. Files that do not change any more are shared with it if it is on
+    /// the same file system. Runs beside all other functions, except that it waits for compact().
+    /// Errors: StorageFull, InvalidArgument (the folder exists, or the store is in memory). After
+    /// an error the folder may be left.
+    [[nodiscard]] virtual Result<void> copyTo(const std::filesystem::path& /*folder*/) const {
+        return fail(ErrorCode::InvalidArgument, "a store in memory cannot be copied");
+    }
 
     /// Measures the disk space that the store uses. Reads the sizes of its files.
     [[nodiscard]] virtual Result<StoreSpace> space() const = 0;

@@ -1,0 +1,239 @@
+// Copies a project while it is served, and checks the copy.
+#include "usdlive/server/app/BackupCommand.h"
+
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <cerrno>
+#include <chrono>
+#include <filesystem>
+#include <functional>
+#include <iostream>
+#include <string>
+#include <thread>
+
+#include "usdlive/common/core/Descriptor.h"
+#include "usdlive/server/app/AdminCommands.h"
+#include "usdlive/server/app/RunningServer.h"
+#include "usdlive/server/app/StoreCopyFile.h"
+#include "usdlive/server/storage/RocksCommitStore.h"
+
+namespace usdlive::server {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+constexpr std::chrono::milliseconds kCopyLook{20};
+// The hash chain of the whole copy is checked.
+constexpr std::chrono::hours kVerifyTime{24};
+constexpr const char* kPartOfBackup = ".part";
+
+struct Backup {
+    fs::path folder, target;
+};
+
+/// Counts what was copied.
+struct Copied {
+    std::uint64_t files = 0, bytes = 0;
+};
+
+tl::unexpected<Error> noBackup(const std::string& why) {
+    return fail(ErrorCode::InvalidArgument, why);
+}
+
+tl::unexpected<Error> cannotCopy(const fs::path& path, const std::error_code& error) {
+    return fail(
+        error == std::errc::no_space_on_device ? ErrorCode::StorageFull : ErrorCode::StorageFailed,
+        "cannot copy " + path.string() + ": " + error.message());
+}
+
+/// Removes an unfinished backup.
+class Draft {
+public:
+    explicit Draft(fs::path path) : path_(std::move(path)) {}
+    ~Draft() {
+        std::error_code ignored;
+        if (!path_.empty()) fs::remove_all(path_, ignored);
+    }
+    Draft(const Draft&) = delete;
+    Draft& operator=(const Draft&) = delete;
+
+    [[nodiscard]] const fs::path& path() const { return path_; }
+    /// Writes everything to the disk, and gives the folder its name.
+    [[nodiscard]] Result<void> finish(const fs::path& name) {
+        const Descriptor folder(::open(path_.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+        if (!folder || ::syncfs(folder.get()) != 0)
+            return cannotCopy(path_, std::error_code(errno, std::generic_category()));
+        std::error_code error;
+        fs::rename(path_, name, error);
+        if (error) return cannotCopy(name, error);
+        path_.clear();
+        return {};
+    }
+
+private:
+    fs::path path_;
+};
+
+/// Copies a file that can be changed meanwhile, or `shares` one that never changes.
+Result<void> copyFile(const fs::path& file, const fs::path& to, bool shares, Copied& copied) {
+    std::error_code error;
+    if (shares) fs::create_hard_link(file, to, error);
+    if (!shares || error) {
+        error.clear();
+        fs::copy_file(file, to, error);
+    }
+    std::error_code gone;
+    if (error && !fs::exists(fs::symlink_status(file, gone))) return {};  // it was removed
+    if (error) return cannotCopy(file, error);
+    ++copied.files;
+    copied.bytes += fs::file_size(to, gone);
+    return {};
+}
+
+/// Copies a folder with everything in it. Links stay links.
+Result<void> copyFolder(const fs::path& from, const fs::path& to, bool shares, Copied& copied,
+                        const std::function<bool(const fs::path&)>& isLeftOut = {}) {
+    std::error_code error;
+    fs::create_directory(to, from, error);
+    if (error) return cannotCopy(to, error);
+    for (fs::directory_iterator entry(from, error), end; !error && entry != end;
+         entry.increment(error)) {
+        const fs::path name = entry->path().filename();
+        if (isLeftOut && isLeftOut(name)) continue;
+        std::error_code ignored;
+        const fs::file_status status = entry->symlink_status(ignored);
+        Result<void> done;
+        if (fs::is_symlink(status)) {
+            fs::copy_symlink(entry->path(), to / name, ignored);
+            if (ignored) done = cannotCopy(entry->path(), ignored);
+        } else if (fs::is_directory(status)) {
+            done = copyFolder(entry->path(), to / name, shares, copied);
+        } else if (fs::is_regular_file(status)) {
+            done = copyFile(entry->path(), to / name, shares, copied);
+        }
+        if (!done) return done;
+    }
+    return error ? Result<void>(cannotCopy(from, error)) : Result<void>();
+}
+
+/// Waits until the running server has made a copy of its store. Returns where it is.
+Result<fs::path> askServer(const fs::path& folder) {
+    const StoreCopyFile file(folder);
+    const auto name = file.ask();
+    if (!name) return tl::unexpected(name.error());
+    for (;;) {
+        if (const auto answer = file.answer(*name)) {
+            if (!*answer) return tl::unexpected(answer->error());
+            return file.copy(*name);
+        }
+        if (!RunningServer::find(folder))
+            return fail(ErrorCode::StorageFailed,
+                        "the server has ended before it had copied its store; try again");
+        std::this_thread::sleep_for(kCopyLook);
+    }
+}
+
+Result<void> copyStore(const fs::path& folder, const fs::path& to, Copied& copied) {
+    if (RunningServer::find(folder)) {
+        const auto made = askServer(folder);
+        if (!made) return tl::unexpected(made.error());
+        const Draft copy(*made);
+        std::error_code error;
+        fs::rename(copy.path(), to, error);
+        return error ? copyFolder(copy.path(), to, false, copied) : Result<void>();
+    }
+    const auto store = createRocksCommitStore(folder / ".usdlive" / "store");
+    if (!store) return tl::unexpected(store.error());
+    return (*store)->copyTo(to);
+}
+
+/// Opens the copy, which checks its whole history. Returns its newest revision.
+Result<Revision> verified(const fs::path& store) {
+    RocksCommitStoreOptions options;
+    options.verifyTime = kVerifyTime;
+    const auto opened = createRocksCommitStore(store, options);
+    if (!opened) return tl::unexpected(opened.error());
+    return (*opened)->head().revision;
+}
+
+bool isOfRunningServer(const fs::path& name) {
+    const std::string text = name.string();
+    return text == "store" || text == "blobs" || text == "server.json" ||
+           text.starts_with("copy") || text.ends_with(".taken") || text.ends_with(".new");
+}
+
+Result<void> checkPlaces(const Backup& wanted) {
+    std::error_code error;
+    if (!fs::is_directory(wanted.folder / ".usdlive" / "store", error))
+        return noBackup(wanted.folder.string() +
+                        " has no history yet: nobody has served it. Copy its files");
+    if (fs::exists(fs::symlink_status(wanted.target, error)))
+        return noBackup(wanted.target.string() + " exists; name a new folder");
+    const fs::path real = fs::canonical(wanted.folder, error);
+    const fs::path parent = fs::weakly_canonical(fs::absolute(wanted.target), error);
+    for (fs::path above = parent; above != above.root_path(); above = above.parent_path())
+        if (above == real)
+            return noBackup("a backup cannot be in the folder that it is of: " +
+                            wanted.target.string());
+    if (!fs::is_directory(parent.parent_path(), error))
+        return noBackup("there is no folder " + parent.parent_path().string());
+    return {};
+}
+
+Result<void> backUp(Backup wanted) {
+    while (!wanted.target.has_filename() && wanted.target.has_parent_path())
+        wanted.target = wanted.target.parent_path();  // a slash at the end
+    if (const auto fits = checkPlaces(wanted); !fits) return fits;
+    Draft draft(wanted.target.string() + kPartOfBackup);
+    const fs::path& to = draft.path();
+    const fs::path from = wanted.folder / ".usdlive";
+    std::error_code error;
+    fs::remove_all(to, error);  // of a backup that was killed
+    Copied copied;
+    // The store is first: it names the big values and files that are copied after it.
+    fs::create_directory(to, wanted.folder, error);
+    if (!error) fs::create_directory(to / ".usdlive", from, error);
+    if (error) return cannotCopy(to, error);
+    if (auto done = copyStore(wanted.folder, to / ".usdlive" / "store", copied); !done) return done;
+    const auto revision = verified(to / ".usdlive" / "store");
+    if (!revision) return tl::unexpected(revision.error());
+    const auto isHistory = [](const fs::path& name) { return name == ".usdlive"; };
+    const auto isUnfinished = [](const fs::path& name) { return name == "unfinished"; };
+    auto done = copyFolder(from / "blobs", to / ".usdlive" / "blobs", true, copied, isUnfinished);
+    if (!fs::exists(from / "blobs", error)) done = {};
+    if (done) done = copyFolder(from, to / ".usdlive", false, copied, isOfRunningServer);
+    if (done) done = copyFolder(wanted.folder, to, false, copied, isHistory);
+    if (done) done = draft.finish(wanted.target);
+    if (!done) return done;
+    constexpr std::uint64_t kMib = 1 << 20;
+    std::cout << wanted.target.string() << " has the project at revision " << *revision << ", with "
+              << copied.files << " files of " << (copied.bytes + kMib - 1) / kMib
+              << " MiB. Serve it with: usdlive serve " << wanted.target.string() << "\n";
+    return recordCommand(accountsFolderOf(wanted.folder), "backup made", wanted.target.string(),
+                         projectNameOf(wanted.folder));
+}
+
+}  // namespace
+
+int runBackupCommand(int argc, const char* const* argv) {
+    Backup wanted;
+    CLI::App app("Copies a project with its history, also while it is served and edited.",
+                 kBackupCommand);
+    app.footer(R"(
+The copy has everything that was confirmed to an editor before the command began. Its history is checked. It is a
+project of its own: serve it where it is, or in place of one that was lost.
+
+Example:
+  usdlive backup shots/s010 /backup/s010-monday)");
+    app.add_option("DIR", wanted.folder, "The folder of the project")
+        ->required()
+        ->check(CLI::ExistingDirectory.description(""))
+        ->type_name("");
+    app.add_option("TARGET", wanted.target, "A new folder outside DIR")->required()->type_name("");
+    return runAdminCommand(app, argc, argv, [&] { return backUp(wanted); });
+}
+
+}  // namespace usdlive::server
