@@ -6,8 +6,8 @@ from conftest import connect, run, wait
 from pxr import Sdf
 
 
-def write(path, radius, comment=""):
-    path.write_text(f'#usda 1.0\n({f"""\n    "{comment}"\n""" if comment else ""})\n\ndef Sphere "Ball"\n{{\n    double radius = {radius}\n}}\n')
+def write(path, radius):
+    path.write_text(f'#usda 1.0\n\ndef Sphere "Ball"\n{{\n    double radius = {radius}\n}}\n')
 
 
 def radius(stage):

@@ -191,7 +191,7 @@ Result<void> backUp(Backup wanted) {
     const fs::path& to = draft.path();
     const fs::path from = wanted.folder / ".usdlive";
     std::error_code error;
-    fs::remove_all(to, error);  // of a backup that was killed
+    fs::remove_all(to, error);  // left by a killed backup
     Copied copied;
     // The store is first: it names the big values and files that are copied after it.
     fs::create_directory(to, wanted.folder, error);

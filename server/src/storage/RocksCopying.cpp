@@ -9,7 +9,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-// What a copy takes besides shared files: the log of RocksDB, and some small files.
+// The space for a copy besides shared files: the log of RocksDB, and some small files.
 constexpr std::uint64_t kCopyBytes = 8 * kMib;
 
 /// Shares a file that never changes, or copies it to another file system.

@@ -148,7 +148,8 @@ struct Transaction {
     std::vector<Edit> edits;
     /// M16: the newest revision that the author had seen; 0: `base`.
     Revision seen = 0;
-    std::string label = {};  ///< what the author calls it, "Move chairs" (M18); may be empty
+    std::string label =
+        {};  ///< the text of its author for users, "Move chairs" (M18); may be empty
     bool operator==(const Transaction&) const = default;
 };
 
