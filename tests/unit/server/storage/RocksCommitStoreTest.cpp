@@ -875,5 +875,47 @@ TEST(RocksCommitStore, FillsADiskToItsLimit) {
               commits.head.revision);
 }
 
+TEST(RocksCommitStore, ACopyThatIsMadeMeanwhileHasWhatWasDurable) {
+    TestFolder folder;
+    TestCommits commits;
+    const auto all = someCommits(commits, 400);
+    const auto store = open(folder.path / "store");
+    append(*store, std::span(all).first(50));
+    std::atomic<std::size_t> appended = 50;
+    std::thread writer([&] {
+        for (std::size_t next = 50; next < all.size(); ++next) {
+            ASSERT_TRUE(store->append(std::span(all).subspan(next, 1)));
+            appended = next + 1;
+            if (next == 200) {
+                ASSERT_TRUE(store->compact(150, always));
+            }
+        }
+    });
+    std::vector<std::pair<fs::path, std::size_t>> copies;
+    while (appended < all.size() || copies.size() < 3) {
+        const fs::path to = folder.path / ("copy" + std::to_string(copies.size()));
+        const std::size_t before = appended;
+        const auto copied = store->copyTo(to);
+        ASSERT_TRUE(copied) << copied.error().message;
+        copies.emplace_back(to, before);
+    }
+    writer.join();
+    for (const auto& [path, before] : copies) {
+        const auto copy = open(path);
+        const Revision head = copy->head().revision;
+        ASSERT_GE(head, before);
+        if (head >= store->base().revision) {
+            EXPECT_EQ(copy->head().hash, *store->hashAt(head));
+        }
+        ASSERT_EQ(copy->identity(), store->identity());
+        const auto read =
+            copy->read(copy->base().revision + 1, head, [](const StoredCommit&) { return true; });
+        ASSERT_TRUE(read) << read.error().message;
+        ASSERT_TRUE(copy->loadLayer(kStoredLayer));
+        EXPECT_TRUE(copy->append({})) << "it is a store like any other";
+    }
+    EXPECT_EQ(store->copyTo(copies.front().first).error().code, ErrorCode::InvalidArgument);
+}
+
 }  // namespace
 }  // namespace usdlive::server
