@@ -32,6 +32,7 @@ def _run(name: str) -> None:
                  f"{sys.executable} -m pip install --force-reinstall usdlive")
     if program == installed:
         _find_openusd(name)
+    os.environ["USDLIVE_PYTHON"] = sys.executable  # runs the gateway of `usdlive page`
     os.execv(program, [str(program), *sys.argv[1:]])
 
 

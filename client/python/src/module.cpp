@@ -60,7 +60,7 @@ class PythonClient {
 public:
     PythonClient(const std::string& url, const std::string& user, const std::string& application,
                  const std::string& cacheFolder, double timeoutMs, std::uint64_t cacheBytes,
-                 bool addresses) {
+                 bool addresses, const std::string& token) {
         client_ = orRaise([&] {
             nb::gil_scoped_release release;
             return Client::connect(url, {.user = user,
@@ -68,7 +68,8 @@ public:
                                          .cacheFolder = cacheFolder,
                                          .connectTimeoutMs = timeoutMs,
                                          .cacheBytes = cacheBytes,
-                                         .addresses = addresses});
+                                         .addresses = addresses,
+                                         .token = token});
         }());
         client_->setEventHandler([this](const client::Event& event) {
             nb::gil_scoped_acquire acquire;
@@ -524,9 +525,10 @@ NB_MODULE(_usdlive, module) {
     module.def("moment", [](const std::string& text) { return orRaise(client::momentOf(text)); });
     nb::class_<PythonClient>(module, "Client")
         .def(nb::init<const std::string&, const std::string&, const std::string&,
-                      const std::string&, double, std::uint64_t, bool>(),
+                      const std::string&, double, std::uint64_t, bool, const std::string&>(),
              nb::arg("url"), nb::arg("user"), nb::arg("application"), nb::arg("cache_folder"),
-             nb::arg("timeout_ms"), nb::arg("cache_bytes"), nb::arg("addresses") = false)
+             nb::arg("timeout_ms"), nb::arg("cache_bytes"), nb::arg("addresses") = false,
+             nb::arg("token") = "")
         .def("close", &PythonClient::close)
         .def("may_wait", &PythonClient::mayWait)
         .def_prop_ro("closed", &PythonClient::isClosed)

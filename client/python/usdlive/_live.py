@@ -25,7 +25,7 @@ from ._undo import UndoKept, UndoResult, UndoStack
 
 
 def connect(url: str, *, user: str = "", application: str = "python", cache_folder: str = "",
-            timeout: float = 10.0, cache_mib: int = 4096, addresses: bool = True) -> "Live":
+            timeout: float = 10.0, cache_mib: int = 4096, addresses: bool = True, token: str = "") -> "Live":
     """Connects to a server and waits for its answer, at most `timeout` seconds. A server that cannot be reached
     is an error after one second.
 
@@ -38,7 +38,9 @@ def connect(url: str, *, user: str = "", application: str = "python", cache_fold
     removes those that were used longest ago; values that the server does not have yet are kept in addition. With
     `addresses`, the identifiers of live layers are `usdlive://` addresses, so that all files that they name are found
     as in the project's folder: textures, `.usdz` packages and others, which are fetched when they are first read.
-    Without, they are paths of files without content in the cache folder, and no other file is found. Raises an Error:
+    Without, they are paths of files without content in the cache folder, and no other file is found. `token`: signs in with it,
+    in a process that acts for several users; otherwise with the token that this user's programs know for the server; `user` is
+    then the name of the token's user. Raises an Error:
     `notConnected`, `invalidArgument`.
     """
     if cache_mib < 0:
@@ -46,7 +48,7 @@ def connect(url: str, *, user: str = "", application: str = "python", cache_fold
     if url.strip().startswith("usdlive-invitation://"):
         url = _usdlive.join(url)
     client = _usdlive.Client(url, user, application, os.fspath(cache_folder), timeout * 1000.0, cache_mib << 20,
-                             addresses)
+                             addresses, token)
     _warn_once(client.files_problem())
     return Live(client, url, user)
 

@@ -579,4 +579,28 @@ Error runServer(char** arguments) {
     return {ErrorCode::Internal, "cannot start " + server + ": " + std::strerror(errno)};
 }
 
+Error runPage(char** arguments) {
+    std::error_code ignored;
+    const auto self = std::filesystem::read_symlink("/proc/self/exe", ignored);
+    // A build has the package beside the folder of the programs; an installed one is known to its
+    // Python.
+    const auto built = self.parent_path().parent_path() / "python";
+    if (std::filesystem::exists(built / "usdlive", ignored)) {
+        const char* before = std::getenv("PYTHONPATH");
+        ::setenv("PYTHONPATH",
+                 (built.string() + (before && *before ? std::string(":") + before : "")).c_str(),
+                 1);
+    }
+    const char* given = std::getenv("USDLIVE_PYTHON");
+    std::string python = given && *given ? given : "python3";
+    std::vector<std::string> words{python, "-m", "usdlive.page"};
+    while (*++arguments) words.emplace_back(*arguments);
+    std::vector<char*> all;
+    for (std::string& word : words) all.push_back(word.data());
+    all.push_back(nullptr);
+    execvp(python.c_str(), all.data());
+    return {ErrorCode::Internal, "cannot start " + python + ": " + std::strerror(errno) +
+                                     ". USDLIVE_PYTHON names the Python that has usdlive"};
+}
+
 }  // namespace usdlive::cli

@@ -89,5 +89,9 @@ Result<void> join(const std::string& invitation);
 /// Replaces this process by `usdlive-server`, for `serve`, `user` and `access`. The first argument
 /// is the verb. Returns only if that fails.
 Error runServer(char** arguments);
+/// Replaces this process by the gateway of the page: `python -m usdlive.page`, with the arguments
+/// after the first one. USDLIVE_PYTHON names the Python; the default is python3. Returns only if
+/// that fails.
+Error runPage(char** arguments);
 
 }  // namespace usdlive::cli

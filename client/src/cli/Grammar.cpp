@@ -76,6 +76,7 @@ public:
         app_.add_subcommand("revoke", "Remove an access rule; see usdlive revoke --help");
         app_.add_subcommand("audit", "Print and check the audit log; see usdlive audit --help");
         app_.add_subcommand("backup", "Copy a project with its history; see usdlive backup --help");
+        app_.add_subcommand("page", "Show a project in a browser; see usdlive page --help");
         addJoin();
         addLogin();
         addList();

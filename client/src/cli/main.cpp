@@ -57,22 +57,27 @@ int completion(const CLI::App& app, int argc, char** argv) {
     return 0;
 }
 
-/// Returns whether `usdlive-server` runs the verb.
-bool isOfServer(std::string_view verb) {
-    static constexpr std::array kVerbs{"serve", "user",   "access", "grant",
-                                       "deny",  "revoke", "audit",  "backup"};
+/// Returns whether another program runs the verb: `usdlive-server`, or Python for `page`.
+bool isOfOther(std::string_view verb) {
+    static constexpr std::array kVerbs{"serve", "user",  "access", "grant", "deny",
+                                       "revoke", "audit", "backup", "page"};
     return std::ranges::find(kVerbs, verb) != kVerbs.end();
+}
+
+/// Replaces this process by another program, which parses its own options, including --help.
+/// Returns why it cannot.
+Error runOther(char** words) {
+    return std::string_view(words[0]) == "page" ? cli::runPage(words) : cli::runServer(words);
 }
 
 int run(int argc, char** argv) {
     cli::Command chosen;
     const auto app = cli::createGrammar(chosen);
     const std::string_view verb = argc > 1 ? argv[1] : "--help";
-    // The server parses its own options, including --help.
-    if (isOfServer(verb)) return failed(cli::runServer(argv + 1).message);
-    if (verb == "help" && argc == 3 && isOfServer(argv[2])) {
+    if (isOfOther(verb)) return failed(runOther(argv + 1).message);
+    if (verb == "help" && argc == 3 && isOfOther(argv[2])) {
         char* words[] = {argv[2], const_cast<char*>("--help"), nullptr};
-        return failed(cli::runServer(words).message);
+        return failed(runOther(words).message);
     }
     if (argc == 1) {
         std::cerr << app->help();

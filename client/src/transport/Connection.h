@@ -28,6 +28,7 @@ struct ServerAddress {
     std::string project = {};  ///< empty: the server's only project
     bool dds = false;          ///< with an empty project: all projects found
     bool isSecure = false;     ///< the connection is encrypted with TLS
+    std::string token = {};    ///< of the user; empty: the one that is known for the server
 
     [[nodiscard]] std::string url() const;
     /// Returns the text of the header Host, with the brackets of an IPv6 address.
@@ -102,8 +103,8 @@ public:
 /// this process cannot use DDS with its settings.
 [[nodiscard]] Result<std::unique_ptr<Connection>> createConnection(const ServerAddress& address);
 
-/// Connects over WebSocket to `/live`. Identifies itself with the token that is known for the
-/// server, and accepts the certificates that ClientTls does. A lost peer is detected within 15 s
+/// Connects over WebSocket to `/live`. Identifies itself with the token of the address, or the one
+/// that is known for the server, and accepts the certificates that ClientTls does. A lost peer is detected within 15 s
 /// with pings.
 [[nodiscard]] std::unique_ptr<Connection> createWebSocketConnection(
     const ServerAddress& address, Connection::Brings brings = Connection::Brings::Bytes);

@@ -149,8 +149,10 @@ private:
         if (resolveError) co_return describe("no address found for", resolveError);
         // Waits here, too, if the token has to be renewed, which the server would not.
         const auto authorization =
-            fetch::authorizationFor(address_.host, address_.port, address_.isSecure,
-                                    [this] { return isDestroyed_.load(); });
+            address_.token.empty()
+                ? fetch::authorizationFor(address_.host, address_.port, address_.isSecure,
+                                          [this] { return isDestroyed_.load(); })
+                : Result<std::optional<std::string>>("Bearer " + address_.token);
         if (!authorization) co_return authorization.error();
 
         auto line = line_ = std::make_shared<Line>(context_);

@@ -64,8 +64,9 @@ Result<std::unique_ptr<Client>> Client::connect(const std::string& url, Options 
         if (!server) return tl::unexpected(server.error());
         joined = server->url;
     }
-    const auto address = client::parseServerAddress(joined.empty() ? url : joined);
+    auto address = client::parseServerAddress(joined.empty() ? url : joined);
     if (!address) return tl::unexpected(address.error());
+    address->token = options.token;
     auto user = client::nameAt(*address, options.user);
     if (!user) return tl::unexpected(user.error());
     options.user = std::move(user->value);

@@ -63,6 +63,9 @@ public:
         /// (plugins/resolver), which OpenUSD has to know when it resolves the first path. Without
         /// it, or without HTTP, layers are paths in the cache folder: see filesProblem().
         bool addresses = false;
+        /// The token with which the user signs in (AC1), for a process that acts for several users.
+        /// Empty: the one that this user's programs know for the server. Not used over DDS.
+        std::string token = {};
     };
 
     using Misuse = usdlive::Misuse;
