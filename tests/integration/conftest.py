@@ -19,10 +19,13 @@ import threading
 import time
 import types
 
+import page_client
 import pytest
 import usdlive
 from pxr import Sdf, Tf
 from usdlive.omni.kit.app import get_app
+
+os.environ.setdefault("USDLIVE_PYTHON", sys.executable)  # runs the gateway of `usdlive page`
 
 HERE = pathlib.Path(__file__).parent
 WORKER = os.environ.get("PYTEST_XDIST_WORKER", "gw0")
@@ -264,6 +267,37 @@ def editor(tmp_path):
     for peer in peers:
         peer.process.kill()
         peer.process.wait()
+
+
+@pytest.fixture
+def gateway(tmp_path):
+    """gateway(server, *options) starts `usdlive page`, which is stopped after the test."""
+    gateways: list[page_client.Gateway] = []
+
+    def start(server: Server, *options: str, **environment: str) -> page_client.Gateway:
+        folder = tmp_path / f"gateway{len(gateways)}"
+        folder.mkdir()
+        gateways.append(page_client.Gateway(server.url, folder, *options, **environment).start())
+        return gateways[-1]
+
+    yield start
+    for one in gateways:
+        if one.process.poll() is None:
+            assert one.stop() == 0, one.log.read_text()
+
+
+@pytest.fixture
+def page():
+    """page(gateway, hello) opens the page, which is closed after the test."""
+    pages: list[page_client.Page] = []
+
+    def open_page(gateway: page_client.Gateway, hello: dict | None = None) -> page_client.Page:
+        pages.append(page_client.Page(gateway, hello).opened())
+        return pages[-1]
+
+    yield open_page
+    for one in pages:
+        one.close()
 
 
 @contextlib.contextmanager

@@ -14,7 +14,7 @@ from . import wire
 from .access import Person, Server
 from .blobs import Blobs
 from .picture import Picture
-from .presence import People
+from .presence import APPLICATION, People
 from .viewer import Viewer
 
 _log = logging.getLogger("usdlive.page")
@@ -24,7 +24,6 @@ MOST_PICTURES = 16  # other stages and the past take memory each
 _CHECK_SECONDS = 5.0
 _PEOPLE_SECONDS = 0.1
 _LAYERS_SECONDS = 0.5
-APPLICATION = "usdlive page"
 
 
 class TooMany(Exception):

@@ -56,7 +56,8 @@ class Picture(Owner):
         self.scene: Scene
         self.stage: Usd.Stage
         self.player: usdlive.Player | None = None
-        self._streams: list[tuple[Stream, typing.Iterator[Frame]]] = []
+        self._streams: dict[Stream, typing.Iterator[Frame]] = {}
+        self._begun: set[Stream] = set()
         self._next_changed = self._next_state = 0.0
         self._all_changed = False
         self._paths: set[str] = set()
@@ -91,9 +92,8 @@ class Picture(Owner):
 
     def stream(self, viewer: Stream) -> None:
         """Begins to send the whole scene to a viewer."""
-        self._streams = [one for one in self._streams if one[0] is not viewer]
-        self._streams.append((viewer, self.scene.everything()))
-        self._watcher.show_one(viewer, [], True)
+        self._streams[viewer] = self.scene.everything()
+        self._begun.discard(viewer)
 
     def catch_up(self, viewer: Stream, version: int) -> None:
         """Sends a viewer one batch in place of those after `version`, which it has not got."""
@@ -220,16 +220,19 @@ class Picture(Owner):
 
     def _serve_streams(self) -> None:
         end = time.perf_counter() + _READ_SECONDS
-        for stream in tuple(self._streams):
-            viewer, frames = stream
+        for viewer, frames in tuple(self._streams.items()):
             while not viewer.is_gone and viewer.waiting_bytes < _STREAM_BYTES and time.perf_counter() < end:
                 frame = next(frames, None)
-                if frame is None:
-                    self._streams.remove(stream)
-                    break
-                self._watcher.show_one(viewer, [frame], False)
-            if viewer.is_gone and stream in self._streams:
-                self._streams.remove(stream)
+                if frame is not None:
+                    self._watcher.show_one(viewer, [frame], viewer not in self._begun)
+                    self._begun.add(viewer)
+                    continue
+                del self._streams[viewer]
+                self._begun.discard(viewer)
+                break
+            if viewer.is_gone:
+                self._streams.pop(viewer, None)
+                self._begun.discard(viewer)
 
     def _happened(self, event: usdlive.events.Event) -> None:
         if isinstance(event, usdlive.events.FilesChanged):

@@ -13,6 +13,7 @@ from . import wire
 if typing.TYPE_CHECKING:
     from .viewer import Viewer
 
+APPLICATION = "usdlive page"  # of the gateway's own connections, which are no people
 MOST_SELECTED = 256
 
 
@@ -54,7 +55,8 @@ class People:
         """Returns whether it differs. A viewer who edits is here once: as a viewer."""
         viewers = list(viewers)
         own = {viewer.editor.client for viewer in viewers if viewer.editor is not None}
-        now = [_of_editor(one) for one in editors if one.client not in own] + [_of_viewer(one) for one in viewers]
+        now = [_of_editor(one) for one in editors
+               if one.client not in own and one.application != APPLICATION] + [_of_viewer(one) for one in viewers]
         texts = {one["id"]: wire.text(one) for one in now}
         if texts == self._all:
             return False
