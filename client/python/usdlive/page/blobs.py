@@ -26,9 +26,9 @@ class Blobs:
         self._unused: collections.OrderedDict[str, int] = collections.OrderedDict()  # hash to size, oldest first
         self._unused_bytes = 0
 
-    def add(self, content: bytes, type: str = "application/octet-stream") -> str:
-        """Returns the hash. The content is unused at first."""
-        name = hashlib.sha256(content).hexdigest()
+    def add(self, content: bytes, name: str = "", type: str = "application/octet-stream") -> str:
+        """Returns the hash, which is `name` if that is known. The content is unused at first."""
+        name = name or hashlib.sha256(content).hexdigest()
         with self._lock:
             if name not in self._all:
                 self._all[name] = Blob(content, type)

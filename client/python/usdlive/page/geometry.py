@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import typing
 
 import numpy
@@ -41,19 +42,19 @@ def value(prim: Usd.Prim, name: str, time: Usd.TimeCode, default: typing.Any) ->
     return default if found is None else found
 
 
-def read(prim: Usd.Prim, time: Usd.TimeCode, points: Vt.Vec3fArray | None = None,
-         normals: Vt.Vec3fArray | None = None) -> Geometry:
-    """Reads what a gprim looks like at a time. `points` and `normals`: in place of the prim's own, for skinned meshes."""
+def read(prim: Usd.Prim, time: Usd.TimeCode, has_primvars: bool = True, points: Vt.Vec3fArray | None = None) -> Geometry:
+    """Reads what a gprim looks like at a time. `points`: in place of the prim's own, for skinned meshes. `has_primvars`: of its
+    own or inherited."""
     reader = _READERS.get(prim.GetTypeName()) or _reader_of(prim)
     result = Geometry()
     try:
-        reader(prim, time, result, points, normals)
+        reader(prim, time, result, _Primvars(prim, time, has_primvars), points)
     except (ValueError, IndexError, OverflowError, MemoryError) as wrong:
         result.shape = None
         result.problem = f"cannot be drawn: {wrong}"
-    if result.shape is not None and not numpy.isfinite(result.shape.points).all():
-        if result.shape.kind == wire.MESH:
-            result.shape.points = numpy.nan_to_num(result.shape.points, posinf=0, neginf=0)
+    if result.shape is not None and not result.shape.is_finite:
+        if result.shape.kind == wire.MESH:  # the triangles with such points are left out
+            result.shape = dataclasses.replace(result.shape, points=numpy.nan_to_num(result.shape.points, posinf=0, neginf=0))
             result.problem = result.problem or "some points are not finite"
         else:
             result.shape, result.problem = None, "some points are not finite"
@@ -68,11 +69,13 @@ def _bounded(number: int) -> None:
 class _Primvars:
     """Primvars for the points, or the corners, of something that is drawn."""
 
-    def __init__(self, prim: Usd.Prim, time: Usd.TimeCode):
-        self.api, self.time = UsdGeom.PrimvarsAPI(prim), time
+    def __init__(self, prim: Usd.Prim, time: Usd.TimeCode, exist: bool = True):
+        self.api, self.time, self._exist = UsdGeom.PrimvarsAPI(prim), time, exist
 
     def find(self, name: str, columns: int) -> tuple[numpy.ndarray, str] | None:
         """Values and their interpolation; None without any."""
+        if not self._exist:
+            return None
         primvar = self.api.FindPrimvarWithInheritance(name)
         if not primvar or not primvar.HasValue():
             return None
@@ -101,6 +104,8 @@ class _Primvars:
         return found
 
     def uvs(self) -> tuple[numpy.ndarray, str] | None:
+        if not self._exist:
+            return None
         names = [one.GetPrimvarName() for one in self.api.FindPrimvarsWithInheritance()
                  if one.GetTypeName().role == Sdf.ValueRoleNames.TextureCoordinate or
                  one.GetTypeName().scalarType == Sdf.ValueTypeNames.Float2]
@@ -119,7 +124,7 @@ def colour(prim: Usd.Prim, time: Usd.TimeCode) -> tuple[list[float], float | Non
     return result.colour, result.opacity
 
 
-def _mesh(prim: Usd.Prim, time: Usd.TimeCode, result: Geometry, points=None, normals=None) -> None:
+def _mesh(prim: Usd.Prim, time: Usd.TimeCode, result: Geometry, primvars: _Primvars, points=None) -> None:
     mesh = UsdGeom.Mesh(prim)
     positions = array(mesh.GetPointsAttr().Get(time) if points is None else points, 3)
     counts = array(mesh.GetFaceVertexCountsAttr().Get(time), 0, "i8")
@@ -131,12 +136,11 @@ def _mesh(prim: Usd.Prim, time: Usd.TimeCode, result: Geometry, points=None, nor
     faces = shapes.triangulated(counts, indices, positions, array(mesh.GetHoleIndicesAttr().Get(time), 0, "i8"), left_handed)
     result.problem = faces.problem
     smooth = mesh.GetSubdivisionSchemeAttr().Get(time) != UsdGeom.Tokens.none
-    primvars = _Primvars(prim, time)
     values: dict[str, tuple[numpy.ndarray, str]] = {}
     if not smooth:
         found = primvars.find("normals", 3)
         if found is None:
-            own = array(mesh.GetNormalsAttr().Get(time) if normals is None else normals, 3)
+            own = array(mesh.GetNormalsAttr().Get(time) if points is None else None, 3)
             found = (own, str(mesh.GetNormalsInterpolation())) if len(own) else None
         if found is not None:
             values["normals"] = found
@@ -186,7 +190,7 @@ def _subsets(mesh: UsdGeom.Mesh, faces: shapes.Faces, time: Usd.TimeCode, result
             result.subsets.append((str(subset.GetPath()), first, count))
 
 
-def _tet_mesh(prim: Usd.Prim, time: Usd.TimeCode, result: Geometry, points=None, normals=None) -> None:
+def _tet_mesh(prim: Usd.Prim, time: Usd.TimeCode, result: Geometry, primvars: _Primvars, points=None) -> None:
     mesh = UsdGeom.TetMesh(prim)
     positions = array(mesh.GetPointsAttr().Get(time), 3)
     surface = array(mesh.GetSurfaceFaceVertexIndicesAttr().Get(time), 3, "i8")
@@ -199,12 +203,12 @@ def _tet_mesh(prim: Usd.Prim, time: Usd.TimeCode, result: Geometry, points=None,
     faces = shapes.triangulated(numpy.full(len(surface), 3), surface.reshape(-1), positions, numpy.zeros(0, "i8"),
                                 mesh.GetOrientationAttr().Get(time) == UsdGeom.Tokens.leftHanded)
     result.problem = faces.problem
-    _Primvars(prim, time).colour(result)
+    primvars.colour(result)
     result.shape = Shape(wire.MESH, positions, surface.reshape(-1)[faces.corners], faces=faces.of)
 
 
-def _of_points(result: Geometry, prim: Usd.Prim, time: Usd.TimeCode, shape: Shape, chosen: numpy.ndarray | None = None) -> None:
-    colours = _Primvars(prim, time).colour(result)
+def _of_points(result: Geometry, primvars: _Primvars, shape: Shape, chosen: numpy.ndarray | None = None) -> None:
+    colours = primvars.colour(result)
     if colours is not None:
         if chosen is not None and len(colours[0]) > int(chosen.max(initial=-1)):
             shape.colours = colours[0][chosen]
@@ -213,7 +217,7 @@ def _of_points(result: Geometry, prim: Usd.Prim, time: Usd.TimeCode, shape: Shap
     result.shape = shape
 
 
-def _points(prim: Usd.Prim, time: Usd.TimeCode, result: Geometry, points=None, normals=None) -> None:
+def _points(prim: Usd.Prim, time: Usd.TimeCode, result: Geometry, primvars: _Primvars, points=None) -> None:
     cloud = UsdGeom.Points(prim)
     positions = array(cloud.GetPointsAttr().Get(time), 3)
     _bounded(len(positions))
@@ -226,10 +230,10 @@ def _points(prim: Usd.Prim, time: Usd.TimeCode, result: Geometry, points=None, n
         widths = numpy.repeat(widths, len(positions))
     kept = positions if chosen is None else positions[chosen]
     widths = None if len(widths) != len(positions) else widths if chosen is None else widths[chosen]
-    _of_points(result, prim, time, Shape(wire.POINTS, kept, widths=widths), chosen)
+    _of_points(result, primvars, Shape(wire.POINTS, kept, widths=widths), chosen)
 
 
-def _curves(prim: Usd.Prim, time: Usd.TimeCode, result: Geometry, points=None, normals=None) -> None:
+def _curves(prim: Usd.Prim, time: Usd.TimeCode, result: Geometry, primvars: _Primvars, points=None) -> None:
     curves = UsdGeom.Curves(prim)
     positions = array(curves.GetPointsAttr().Get(time), 3)
     counts = array(curves.GetCurveVertexCountsAttr().Get(time), 0, "i8")
@@ -244,10 +248,10 @@ def _curves(prim: Usd.Prim, time: Usd.TimeCode, result: Geometry, points=None, n
     if cubic:
         positions, counts = _cubic(positions, counts, basis.GetBasisAttr().Get(time), wrap)
         closed = False
-        _Primvars(prim, time).colour(result)
+        primvars.colour(result)
         result.shape = Shape(wire.CURVES, positions, shapes.lines(counts, False))
         return
-    _of_points(result, prim, time, Shape(wire.CURVES, positions, shapes.lines(counts, closed)))
+    _of_points(result, primvars, Shape(wire.CURVES, positions, shapes.lines(counts, closed)))
 
 
 _STEPS = 8  # lines for each segment of a cubic curve
@@ -286,14 +290,16 @@ def _cubic(points: numpy.ndarray, counts: numpy.ndarray, basis: str, wrap: str) 
 
 
 def _gprim(make: typing.Callable[..., Shape], *names: tuple[str, typing.Any]) -> typing.Callable[..., None]:
-    def read_it(prim: Usd.Prim, time: Usd.TimeCode, result: Geometry, points=None, normals=None) -> None:
-        _Primvars(prim, time).colour(result)
+    made = functools.lru_cache(256)(make)  # many prims have the same numbers
+
+    def read_it(prim: Usd.Prim, time: Usd.TimeCode, result: Geometry, primvars: _Primvars, points=None) -> None:
+        primvars.colour(result)
         values = [value(prim, name, time, default) for name, default in names]
-        result.shape = make(*(str(one) if isinstance(one, str) else float(one) for one in values))
+        result.shape = made(*(str(one) if isinstance(one, str) else float(one) for one in values))
     return read_it
 
 
-def _unsupported(prim: Usd.Prim, time: Usd.TimeCode, result: Geometry, points=None, normals=None) -> None:
+def _unsupported(prim: Usd.Prim, time: Usd.TimeCode, result: Geometry, primvars: _Primvars, points=None) -> None:
     result.problem = f"a {prim.GetTypeName()} is not drawn"
 
 

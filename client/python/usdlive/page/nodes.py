@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import enum
 import typing
 
 from pxr import Usd, UsdGeom
@@ -10,8 +9,8 @@ from pxr import Usd, UsdGeom
 from .blobs import Blobs
 
 
-class Dirty(enum.IntFlag):
-    """What has to be read again."""
+class Dirty:
+    """What has to be read again, as bits. Plain numbers: thousands are combined in a frame."""
 
     MATRIX = 1
     VISIBLE = 2
@@ -27,7 +26,7 @@ class Node:
 
     __slots__ = ("path", "prim", "kind", "id", "parent", "children", "prototype", "purpose", "inherits_purpose", "xformable",
                  "ops", "animated", "data", "text", "geometry", "material", "subsets", "depends", "instancer", "prototypes",
-                 "instances", "problems", "cost", "built")
+                 "instances", "problems", "cost", "has_primvars")
 
     def __init__(self, path: str, prim: Usd.Prim, parent: "Node | None"):
         self.path, self.prim, self.parent = path, prim, parent
@@ -37,7 +36,7 @@ class Node:
         self.purpose, self.inherits_purpose = "default", False
         self.xformable: UsdGeom.Xformable | None = None
         self.ops: list = []
-        self.animated = Dirty(0)
+        self.animated = 0
         self.data: dict[str, typing.Any] = {}
         self.text: str | None = None
         self.geometry = ""
@@ -49,7 +48,7 @@ class Node:
         self.instances: bytes | None = None
         self.problems: dict[str, str] = {}
         self.cost = 0.0  # seconds that reading the geometry took
-        self.built = 0
+        self.has_primvars = False  # or inherits some
 
     def shown_parent(self) -> int:
         """The id of the next item above."""

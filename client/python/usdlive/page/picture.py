@@ -175,7 +175,9 @@ class Picture(Owner):
 
     def _tick(self) -> None:
         try:
-            self.live.tick(_TICK_MS)
+            # As Live.tick(), without an object for each edit of others: the stage tells what has changed.
+            _, _, happened = self.live._client.tick(_TICK_MS)
+            self.live._notify([one for one in happened if one["event"] != "Committed"])
             if self.player is not None and self.player.playing:
                 if self.player.tick():
                     self._next_state = 0.0

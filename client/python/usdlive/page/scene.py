@@ -29,6 +29,7 @@ _IDENTITY = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
 _SHAPE_FIELDS = {"points", "normals", "faceVertexCounts", "faceVertexIndices", "holeIndices", "orientation", "subdivisionScheme",
                  "widths", "curveVertexCounts", "basis", "type", "wrap", "size", "radius", "radiusTop", "radiusBottom", "height",
                  "axis", "width", "length", "tetVertexIndices", "surfaceFaceVertexIndices"}
+_BATCHED = (Dirty.MATRIX, Dirty.VISIBLE, Dirty.COLOUR, Dirty.GEOMETRY, Dirty.INSTANCES)
 _DRAWN = ("mesh", "curves", "points")
 _SKINNED = {"skel:skeleton", "skel:blendShapes", "skel:blendShapeTargets", "primvars:skel:jointIndices",
             "primvars:skel:jointWeights", "primvars:skel:geomBindTransform"}
@@ -57,8 +58,8 @@ class Scene:
         self._numbers = itertools.count(1)
         self._round = itertools.count(1)
         self._jobs: collections.deque[_Job] = collections.deque()
-        self._dirty: dict[str, Dirty] = {}
-        self._changed: dict[Sdf.Path, set[str]] = {}
+        self._dirty: dict[str, int] = {}
+        self._changed: dict[str, set[str]] = {}  # names of properties by path of the prim
         self._resynced: set[Sdf.Path] = set()
         self._proxies: dict[str, set[str]] = collections.defaultdict(set)  # path in a prototype to paths of nodes
         self._shared: dict[str, geometry.Geometry] = {}
@@ -71,7 +72,7 @@ class Scene:
         self._new_materials: dict[str, dict] = {}
         self._moved_times: dict[str, float] = {}  # when the geometry of an expensive node may be read again
         self.version = 0  # of the last batch
-        self._recent: dict[str, tuple[int, Dirty]] = {}  # what batches have told of nodes, the newest at the end
+        self._recent: dict[str, tuple[int, int]] = {}  # what batches have told of nodes, the newest at the end
         self.touched: set[str] = set()  # prims that differ, for `changed`; taken by who sends it
         self.restructured = False
         self.metadata_changed = True
@@ -147,25 +148,29 @@ class Scene:
             self._note(path)
 
     def _note(self, path: Sdf.Path) -> None:
-        prim = path.GetPrimPath()
+        prim, _, name = str(path).partition(".")
         names = self._changed.get(prim)
         if names is None:
-            names = self._changed[prim] = set()
-        names.add(path.name if path.IsPropertyPath() else "")
+            self._changed[prim] = {name}
+        else:
+            names.add(name)
 
     def _take_changes(self) -> None:
         resynced, self._resynced = self._resynced, set()
         changed, self._changed = self._changed, {}
         if resynced:
             self._take_resynced(resynced)
-        for path, names in changed.items():
-            if path == Sdf.Path.absoluteRootPath:
+        self.touched.update(changed)
+        for text, names in changed.items():
+            node = self.nodes.get(text)
+            if node is not None:
+                self._take_changed(node, names)
+            elif text == "/":
                 self.metadata_changed = True
-                continue
-            text = str(path)
-            if text.startswith("/__Prototype_"):
-                if self._material_above(path):
-                    self._outside(path)
+            elif text.startswith("/__Prototype_"):
+                self.touched.discard(text)
+                if self._material_above(Sdf.Path(text)):
+                    self._outside(Sdf.Path(text))
                     continue
                 for proxy in tuple(self._proxies.get(text, ())):
                     self._take_changed(self.nodes[proxy], names)
@@ -173,14 +178,9 @@ class Scene:
                 for name in [one for one in self._shared if one == text or text.startswith(one)]:
                     self._forget_shared(name)
                 if text not in self._proxies:
-                    self._outside(path)
-                continue
-            self.touched.add(text)
-            node = self.nodes.get(text)
-            if node is None:
-                self._outside(path)
+                    self._outside(Sdf.Path(text))
             else:
-                self._take_changed(node, names)
+                self._outside(Sdf.Path(text))
 
     def _forget_shared(self, name: str) -> None:
         self._shared.pop(name, None)
@@ -236,13 +236,14 @@ class Scene:
             for one in tuple(self._materials):
                 self._material_changed(one)
 
-    def _mark(self, node: Node, what: Dirty) -> None:
-        self._dirty[node.path] = self._dirty.get(node.path, Dirty(0)) | what
+    def _mark(self, node: Node, what: int) -> None:
+        self._dirty[node.path] = self._dirty.get(node.path, 0) | what
 
     def _take_changed(self, node: Node, names: set[str]) -> None:
-        what = Dirty(0)
-        kind = node.kind
+        what, kind = 0, node.kind
         for name in names:
+            if name.startswith("primvars:"):
+                node.has_primvars = True
             if name.startswith("xformOp"):
                 what |= Dirty.MATRIX
                 if name == "xformOpOrder":
@@ -270,6 +271,7 @@ class Scene:
                 what |= Dirty.ITEM
             if name.startswith("primvars:") and kind == "xform":  # inherited
                 for one in node.below():
+                    one.has_primvars = True
                     if one.kind in _DRAWN:
                         self._mark(one, Dirty.GEOMETRY)
         if what:
@@ -439,27 +441,45 @@ class Scene:
         if not node.id:
             node.id = next(self._numbers)
         self._items[node.id] = node
-        self._find_ops(node)
-        purpose = prim.GetAttribute("purpose")
+        names = prim.GetAuthoredPropertyNames()
         parent = node.parent
-        if purpose and purpose.HasAuthoredValue():
-            node.purpose, node.inherits_purpose = str(purpose.Get()), True
+        node.has_primvars = (parent is not None and parent.has_primvars) or any(one.startswith("primvars:") for one in names)
+        if "xformOpOrder" in names:
+            self._find_ops(node)
+        if "purpose" in names:
+            node.purpose, node.inherits_purpose = str(prim.GetAttribute("purpose").Get()), True
         elif parent is not None and parent.inherits_purpose:
             node.purpose, node.inherits_purpose = parent.purpose, True
-        visibility = prim.GetAttribute("visibility")
-        if visibility and visibility.ValueMightBeTimeVarying():
-            node.animated |= Dirty.VISIBLE
+        self._find_animated(node, names)
         self._read_item(node)
         if kind in _DRAWN:
             self._read_geometry(node)
         elif kind == "instancer":
-            node.animated |= Dirty.INSTANCES if self._might_vary(prim, ("positions", "orientations", "orientationsf", "scales", "protoIndices",
-                                                                        "invisibleIds")) else Dirty(0)
             self._mark(node, Dirty.INSTANCES)
 
-    @staticmethod
-    def _might_vary(prim: Usd.Prim, names: typing.Iterable[str]) -> bool:
-        return any(attribute and attribute.ValueMightBeTimeVarying() for attribute in map(prim.GetAttribute, names))
+    def _find_animated(self, node: Node, names: typing.Sequence[str]) -> None:
+        """Finds out what differs between times."""
+        kind = node.kind
+        for name in names:
+            if name == "visibility":
+                what = Dirty.VISIBLE
+            elif name.startswith("xformOp"):
+                continue  # _find_ops()
+            elif kind in _DRAWN:
+                what = Dirty.GEOMETRY
+            elif kind == "instancer":
+                what = Dirty.INSTANCES
+            elif kind in ("camera", "light"):
+                what = Dirty.ITEM
+            elif name.startswith("primvars:"):
+                what = Dirty.COLOUR
+            else:
+                continue
+            if not node.animated & what and node.prim.GetAttribute(name).ValueMightBeTimeVarying():
+                node.animated |= what
+        above = node.parent
+        if above is not None and above.animated & Dirty.COLOUR:  # inherited primvars
+            node.animated |= Dirty.GEOMETRY if kind in _DRAWN else Dirty.COLOUR
 
     def _find_ops(self, node: Node) -> None:
         xformable = UsdGeom.Xformable(node.prim)
@@ -485,20 +505,16 @@ class Scene:
             if not all(map(math.isfinite, numbers)):
                 node.problems["matrix"], numbers = "its matrix is not finite", _IDENTITY
         data = {"id": node.id, "path": node.path, "parent": node.shown_parent(), "kind": kind, "matrix": numbers,
-                "resetsStack": bool(node.ops or node.xformable) and node.xformable.GetResetXformStack(),
+                "resetsStack": bool(node.xformable) and node.xformable.GetResetXformStack(),
                 "visible": self._visible(node), "purpose": node.purpose}
         if kind == "camera":
             data["camera"] = facts.camera(prim, self.time)
-            if self._might_vary(prim, ("focalLength", "horizontalAperture", "verticalAperture", "clippingRange")):
-                node.animated |= Dirty.ITEM
         elif kind == "light":
             data["light"], asset = facts.light(prim, self.time)
             if asset:
                 data["light"]["texture"], problem = self._texture(asset, node.path)
                 if problem:
                     node.problems["texture"] = problem
-            if self._might_vary(prim, ("inputs:color", "inputs:intensity", "inputs:exposure")):
-                node.animated |= Dirty.ITEM
         elif kind in _DRAWN:
             sided = prim.GetAttribute("doubleSided")
             data["doubleSided"] = bool(sided and sided.Get(self.time))
@@ -525,15 +541,13 @@ class Scene:
             found = None
             self._depend(node, skinned.depends)
         if found is None:
-            found = geometry.read(node.prim, self.time, skinned.points if skinned else None)
+            found = geometry.read(node.prim, self.time, node.has_primvars, skinned.points if skinned else None)
             if skinned is not None and skinned.problem:
                 found.problem = skinned.problem
-            digest = self._blobs.add(found.shape.blob()) if found.shape is not None else ""
+            digest = self._blobs.add(*found.shape.blob) if found.shape is not None else ""
             if name and skinned is None:
                 self._shared[name], self._shared_hashes[name] = found, digest
-        found_shape = found.shape
-        if found_shape is not None and name:
-            found.shape = None  # the blob is enough
+        found.shape = None  # the blob is enough
         node.set_geometry(self._blobs, digest)
         node.subsets = [self._subset(node, *one) for one in found.subsets]
         for key, value in (("color", found.colour), ("opacity", found.opacity)):
@@ -543,10 +557,8 @@ class Scene:
         node.problems.pop("geometry", None)
         if found.problem:
             node.problems["geometry"] = found.problem
-        if not node.built:
-            node.built = 1
-            if self._shape_varies(node):
-                node.animated |= Dirty.GEOMETRY
+        if skinned is not None and skinned.animated:
+            node.animated |= Dirty.GEOMETRY
         node.text = None
         node.cost = time.perf_counter() - begin
         return before != (node.data.get("color"), node.data.get("opacity"), node.subsets, dict(node.problems))
@@ -555,13 +567,6 @@ class Scene:
         """`path` may be one in a prototype."""
         name = Sdf.Path(path).name
         return f"{node.path}/{name}", first, count
-
-    def _shape_varies(self, node: Node) -> bool:
-        if node.depends and skinning.might_be_animated(node.prim):
-            return True
-        if self._might_vary(node.prim, _SHAPE_FIELDS):
-            return True
-        return any(one.ValueMightBeTimeVarying() for one in UsdGeom.PrimvarsAPI(node.prim).FindPrimvarsWithInheritance())
 
     def _depend(self, node: Node, paths: tuple[str, ...]) -> None:
         for path in node.depends:
@@ -641,13 +646,15 @@ class Scene:
 
     def since(self, version: int) -> bytes | None:
         """One batch in place of those after this one: the present state of what they have told."""
-        nodes: dict[Dirty, list[Node]] = collections.defaultdict(list)
+        nodes: dict[int, list[Node]] = collections.defaultdict(list)
         for path, (told, what) in reversed(self._recent.items()):
             if told <= version:
                 break
             node = self.nodes.get(path)
-            for one in what if node is not None and node.id else ():
-                nodes[one].append(node)
+            if node is not None and node.id:
+                for one in _BATCHED:
+                    if what & one:
+                        nodes[one].append(node)
         moved = nodes[Dirty.MATRIX]
         sections = [(wire.MATRICES, len(moved), wire.ids(one.id for one in moved) + wire.floats([one.data["matrix"] for one in moved])),
                     self._seen(nodes[Dirty.VISIBLE]), self._coloured([one for one in nodes[Dirty.COLOUR] if "color" in one.data]),
@@ -655,9 +662,9 @@ class Scene:
         sections = [one for one in sections if one[1]] + [self._placed(one) for one in nodes[Dirty.INSTANCES] if one.instances]
         return wire.batch(sections) if sections else None
 
-    def _told(self, nodes: typing.Iterable[Node], what: Dirty) -> None:
+    def _told(self, nodes: typing.Iterable[Node], what: int) -> None:
         for node in nodes:
-            before = self._recent.pop(node.path, (0, Dirty(0)))[1]
+            before = self._recent.pop(node.path, (0, 0))[1]
             self._recent[node.path] = (self.version, before | what)
 
     @staticmethod

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
+import hashlib
 
 import numpy
 
@@ -27,7 +29,13 @@ class Shape:
     faces: numpy.ndarray | None = None
     smooth: bool = False
 
-    def blob(self) -> bytes:
+    @functools.cached_property
+    def is_finite(self) -> bool:
+        return bool(numpy.isfinite(self.points).all())
+
+    @functools.cached_property
+    def blob(self) -> tuple[bytes, str]:
+        """The bytes for a page, and their SHA-256."""
         sections = [(wire.POSITIONS, len(self.points), wire.floats(self.points))]
         for kind, values in ((wire.NORMALS, self.normals), (wire.UVS, self.uvs), (wire.VERTEX_COLOURS, self.colours)):
             if values is not None:
@@ -39,7 +47,8 @@ class Shape:
             sections.append((wire.WIDTHS, len(self.widths), wire.floats(numpy.nan_to_num(self.widths))))
         if self.smooth:
             sections.append((wire.FLAGS, 1, wire.ids([wire.SMOOTH])))
-        return wire.pack(wire.GEOMETRY, (self.kind,), sections)
+        content = wire.pack(wire.GEOMETRY, (self.kind,), sections)
+        return content, hashlib.sha256(content).hexdigest()
 
 
 @dataclasses.dataclass

@@ -9,10 +9,11 @@ from pxr import Gf, Usd, UsdGeom, UsdSkel, Vt
 
 
 class Skinned(typing.NamedTuple):
-    """`depends`: paths of prims whose changes move the mesh."""
+    """`depends`: paths of prims whose changes move the mesh. `animated`: it differs between times."""
 
     points: Vt.Vec3fArray | None
     depends: tuple[str, ...]
+    animated: bool
     problem: str
 
 
@@ -22,6 +23,7 @@ class Skins:
     def __init__(self) -> None:
         self._cache = UsdSkel.Cache()
         self._populated: set[str] = set()
+        self._roots: dict[str, bool] = {}
 
     def forget(self) -> None:
         self._cache.Clear()
@@ -44,25 +46,27 @@ class Skins:
             return None
         skeleton_query = self._cache.GetSkelQuery(skeleton)
         if not skeleton_query:
-            return Skinned(None, (), f"the skeleton {skeleton.GetPath()} cannot be read")
+            return Skinned(None, (), False, f"the skeleton {skeleton.GetPath()} cannot be read")
         animation = skeleton_query.GetAnimQuery()
         depends = [str(skeleton.GetPath())] + ([str(animation.GetPrim().GetPath())] if animation else [])
+        animated = bool(animation) and (animation.JointTransformsMightBeTimeVarying() or
+                                        animation.BlendShapeWeightsMightBeTimeVarying())
         points = UsdGeom.PointBased(prim).GetPointsAttr().Get(time)
         if not points:
             return None
         if query.HasBlendShapes() and animation:
             points = self._shaped(query, animation, prim, time, points)
         if not query.HasJointInfluences():
-            return Skinned(points, tuple(depends), "")
+            return Skinned(points, tuple(depends), animated, "")
         transforms = skeleton_query.ComputeSkinningTransforms(time)
         if not transforms or not query.ComputeSkinnedPoints(transforms, points, time):
-            return Skinned(None, tuple(depends), f"the mesh cannot be skinned by {skeleton.GetPath()}")
+            return Skinned(None, tuple(depends), animated, f"the mesh cannot be skinned by {skeleton.GetPath()}")
         cache = UsdGeom.XformCache(time)
         to_mesh = cache.GetLocalToWorldTransform(skeleton.GetPrim()) * cache.GetLocalToWorldTransform(prim).GetInverse()
         if to_mesh != Gf.Matrix4d(1):
             moved = numpy.asarray(points, "f8") @ numpy.array(to_mesh)[:3, :3] + numpy.array(to_mesh)[3, :3]
             points = Vt.Vec3fArray.FromNumpy(moved.astype("f4"))
-        return Skinned(points, tuple(depends), "")
+        return Skinned(points, tuple(depends), animated, "")
 
     def _shaped(self, query: UsdSkel.SkinningQuery, animation: UsdSkel.AnimQuery, prim: Usd.Prim, time: Usd.TimeCode,
                 points: Vt.Vec3fArray) -> Vt.Vec3fArray:
@@ -89,11 +93,3 @@ def _root_of(prim: Usd.Prim) -> UsdSkel.Root | None:
             return UsdSkel.Root(prim)
         prim = prim.GetParent()
     return None
-
-
-def might_be_animated(prim: Usd.Prim) -> bool:
-    skeleton = UsdSkel.BindingAPI(prim).GetInheritedSkeleton()
-    if not skeleton:
-        return False
-    found = UsdSkel.Cache().GetSkelQuery(skeleton).GetAnimQuery()
-    return bool(found) and (found.JointTransformsMightBeTimeVarying() or found.BlendShapeWeightsMightBeTimeVarying())

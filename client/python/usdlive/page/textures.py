@@ -62,7 +62,7 @@ class Textures:
         kind = image_type(content)
         if not kind:
             return Texture("", f"the texture {path} is no image that browsers show")
-        return Texture(self._blobs.add(content, kind), "")
+        return Texture(self._blobs.add(content, type=kind), "")
 
 
 def image_type(content: bytes) -> str:
