@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import hashlib
 import http.client
@@ -28,10 +29,7 @@ class Person:
     name: str
     role: str
     token: str = ""
-
-    @property
-    def may_edit(self) -> bool:
-        return self.role in ("editor", "admin") or self.role == "reviewer"
+    may_edit: bool = True
 
     @property
     def may_administer(self) -> bool:
@@ -103,9 +101,32 @@ class Server:
         except (OSError, http.client.HTTPException, ValueError, KeyError) as failed:
             raise Refused(f"the server cannot be asked who you are: {failed}") from None
         try:
-            return Person(live.user, live.role, token)
+            may_edit = live.role in ("editor", "admin") or any(live.may_edit(layer) for layer in live.layers()[:100])
+            return Person(live.user, live.role, token, may_edit)
         finally:
             live.close(timeout=0)
+
+    def metrics(self, person: Person) -> list[dict]:
+        """The metrics of the server."""
+        items = []
+        for line in self._text("/metrics", person).splitlines():
+            name, _, value = line.rpartition(" ")
+            if name and not line.startswith("#"):
+                with contextlib.suppress(ValueError):
+                    items.append({"name": name, "value": float(value)})
+        return items
+
+    def projects(self, person: Person) -> list[dict]:
+        return json.loads(self._text("/projects", person))["projects"]
+
+    def _text(self, path: str, person: Person) -> str:
+        try:
+            status, body = self.get(path, person.token)
+        except (OSError, http.client.HTTPException) as failed:
+            raise usdlive.Error("notConnected", f"the server does not answer: {failed}") from None
+        if status != 200:
+            raise usdlive.Error("forbidden" if status in (401, 403) else "internal", body.decode(errors="replace").strip()[:500])
+        return body.decode(errors="replace")
 
     def still_in(self, person: Person) -> bool:
         """Whether the server still knows the token. True while it does not answer."""

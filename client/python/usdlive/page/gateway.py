@@ -13,6 +13,8 @@ import usdlive
 from . import wire
 from .access import Person, Server
 from .blobs import Blobs
+from .editing import Editor
+from .history import Reader
 from .picture import Picture
 from .presence import APPLICATION, People
 from .viewer import Viewer
@@ -45,6 +47,7 @@ class Gateway:
         self._loop: asyncio.AbstractEventLoop
         self._tasks: set[asyncio.Task] = set()
         self.people = People()
+        self._reader: Reader | None = None
         self._layers_text = ""
         self.main: Picture  # from start() on
 
@@ -67,8 +70,8 @@ class Gateway:
             viewer.leave()
             if viewer.editor is not None:
                 viewer.editor.close()
-        for picture in self._pictures.values():
-            picture.close()
+        for owner in (*self._pictures.values(), *([self._reader] if self._reader else [])):
+            owner.close()
         await asyncio.to_thread(lambda: [picture.join(10) for picture in self._pictures.values()])
         self.workers.shutdown(wait=False, cancel_futures=True)
 
@@ -143,6 +146,26 @@ class Gateway:
             if picture not in watched and picture.ready.done():
                 del self._pictures[key]
                 picture.close()
+
+    # -- other connections
+
+    def reader(self) -> Reader:
+        """The connection that asks about the history. It begins when it is first needed."""
+        if self._reader is None or not self._reader.is_alive():
+            self._reader = Reader("history", self.connect)
+            self._reader.start()
+        return self._reader
+
+    def editor(self, viewer: Viewer) -> Editor:
+        """Begins a connection with which a viewer edits."""
+        person = viewer.person
+
+        def connect() -> usdlive.Live:
+            return usdlive.connect(self.url, user=person.name, application="page", token=person.token)
+
+        editor = Editor(person.name, connect, lambda message: self._soon(viewer.tell, message))
+        editor.start()
+        return editor
 
     # -- viewers
 

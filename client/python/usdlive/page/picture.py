@@ -145,16 +145,15 @@ class Picture(Owner):
             for path in layer.subLayerPaths:
                 below = layer.ComputeAbsolutePath(path)
                 sublayer = Sdf.Layer.Find(below)
-                found["children"].append(entry(sublayer, self._name(sublayer, path), below))
+                found["children"].append(entry(sublayer, self.name_of(sublayer) if sublayer is not None else path, below))
             return found
 
         root = self.stage.GetRootLayer()
         return {"type": "layers", "root": self.layer, "stack": [entry(root, self.layer, root.identifier)]}
 
-    def _name(self, layer: Sdf.Layer | None, otherwise: str) -> str:
-        """The name of a layer in the project."""
-        name = self.live.layer_name(layer) if layer is not None else None
-        return name or (layer.GetDisplayName() if layer is not None else otherwise)
+    def name_of(self, layer: Sdf.Layer) -> str:
+        """The name of a layer in the project; of another one, what it calls itself."""
+        return self.live.layer_name(layer) or layer.GetDisplayName()
 
     def frame(self) -> float:
         self._tick()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import math
 import typing
 
@@ -66,3 +67,6 @@ class People:
     def text_without(self, id: str) -> str:
         """The message for a page."""
         return f'{{"type":"presence","people":[{",".join(text for one, text in self._all.items() if one != id)}]}}'
+
+    def others(self, id: str) -> list[dict]:
+        return [json.loads(text) for one, text in self._all.items() if one != id]

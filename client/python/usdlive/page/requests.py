@@ -8,9 +8,9 @@ import math
 import typing
 
 import usdlive
-from pxr import Tf
+from pxr import Tf, Usd
 
-from . import tree
+from . import editing, history, properties, tree
 from .gateway import Gateway, TooMany
 from .viewer import Viewer
 
@@ -64,6 +64,13 @@ def numbers(message: dict, name: str, count: int) -> list[float]:
             isinstance(one, (int, float)) and not isinstance(one, bool) and math.isfinite(one) for one in value):
         raise Misused(f"'{name}' must be {count} numbers")
     return [float(one) for one in value]
+
+
+def _yes(message: dict, name: str) -> bool:
+    value = message.get(name)
+    if not isinstance(value, bool):
+        raise Misused(f"'{name}' must be true or false")
+    return value
 
 
 def texts(message: dict, name: str, most: int = 256) -> list[str]:
@@ -137,6 +144,154 @@ class Requests:
         picture = viewer.picture
         return await self.on_stage(viewer, lambda: tree.bounds(picture.stage, texts(message, "paths"), picture.scene.time))
 
+    @request("properties")
+    async def _properties(self, viewer: Viewer, message: dict) -> dict:
+        picture, at = viewer.picture, moment(message)
+
+        def read() -> dict:
+            time = picture.scene.time if "time" not in message else Usd.TimeCode.Default() if at is None else Usd.TimeCode(at)
+            return properties.properties(picture.stage, picture.name_of, text(message, "path"), time)
+
+        return await self.on_stage(viewer, read)
+
+    # -- the history
+
+    @request("opinions")
+    async def _opinions(self, viewer: Viewer, message: dict) -> dict:
+        picture = viewer.picture
+        specs = await self.on_stage(viewer, properties.specs_of, picture.stage, picture.name_of, text(message, "path"),
+                                    text(message, "name", ""))
+        reader = self.gateway.reader()
+        return {"opinions": await asyncio.wrap_future(reader.call(reader.opinions, specs))}
+
+    @request("blame")
+    async def _blame(self, viewer: Viewer, message: dict) -> dict:
+        picture, reader = viewer.picture, self.gateway.reader()
+        specs = await self.on_stage(viewer, properties.specs_of, picture.stage, picture.name_of, text(message, "path"), "")
+        known = set(await self.on_stage(viewer, picture.live.layers))
+        items: list[dict] = []
+        for layer, path, _ in specs:
+            if layer in known:
+                items += await asyncio.wrap_future(reader.call(reader.blame, layer, path))
+        return {"items": items[:2000]}
+
+    @request("log")
+    async def _log(self, viewer: Viewer, message: dict) -> dict:
+        reader = self.gateway.reader()
+        return await asyncio.wrap_future(reader.call(reader.log, history.query(message), number(message, "before", 0),
+                                                     number(message, "limit", 50)))
+
+    @request("checkpoints")
+    async def _checkpoints(self, viewer: Viewer, message: dict) -> dict:
+        reader = self.gateway.reader()
+        return await asyncio.wrap_future(reader.call(reader.checkpoints))
+
+    @request("checkpoint")
+    async def _checkpoint(self, viewer: Viewer, message: dict) -> dict:
+        editor = self._editor(viewer, False)
+        return await asyncio.wrap_future(editor.call(editor.checkpoint, text(message, "name")))
+
+    @request("revert")
+    async def _revert(self, viewer: Viewer, message: dict) -> dict:
+        wanted = message.get("revisions")
+        if not isinstance(wanted, list) or not wanted or not all(
+                isinstance(one, int) and not isinstance(one, bool) and one > 0 for one in wanted):
+            raise Misused("'revisions' must be a list of revisions")
+        return await history.revert(self.gateway.server, viewer.person, wanted, text(message, "path", ""),
+                                    text(message, "layer", ""), message.get("dryRun") is not False)
+
+    # -- what the server offers administrators
+
+    @request("metrics")
+    async def _metrics(self, viewer: Viewer, message: dict) -> dict:
+        if self.gateway.server.asks_to_sign_in and not viewer.person.may_administer:
+            raise usdlive.Error("forbidden", "the metrics are for administrators")
+        return {"items": await self.gateway.in_worker(self.gateway.server.metrics, viewer.person)}
+
+    @request("projects")
+    async def _projects(self, viewer: Viewer, message: dict) -> dict:
+        return {"items": await self.gateway.in_worker(self.gateway.server.projects, viewer.person)}
+
+    @request("people")
+    async def _people(self, viewer: Viewer, message: dict) -> dict:
+        return {"people": self.gateway.people.others(viewer.id)}
+
+    @request("explain")
+    async def _explain(self, viewer: Viewer, message: dict) -> dict:
+        """What the viewer may do. Of others only the server's machine tells (`usdlive access`)."""
+        if message.get("user") not in (None, "", viewer.person.name):
+            raise usdlive.Error("Unsupported", "the rights of others are told on the server's machine: usdlive access DIR USER LAYER")
+        editor = self._editor(viewer, False)
+        allowed, reason = await asyncio.wrap_future(editor.call(editor.explain, text(message, "layer"), text(message, "path", "/"),
+                                                                text(message, "kind", "")))
+        return {"allowed": allowed, "reason": reason}
+
+    # -- editing
+
+    def _editor(self, viewer: Viewer, must_edit: bool = True) -> editing.Editor:
+        """The viewer's own connection, which begins when it is first needed."""
+        if must_edit and not viewer.person.may_edit:
+            raise usdlive.Error("forbidden", f"a {viewer.person.role} may not edit")
+        if viewer.editor is None or not viewer.editor.is_alive():
+            viewer.editor = self.gateway.editor(viewer)
+        return viewer.editor
+
+    async def _write(self, viewer: Viewer, plan: typing.Callable, *arguments: typing.Any, commit: bool = True) -> dict:
+        """Finds out on the stage what to write where, and writes it."""
+        editor = self._editor(viewer)
+        layer, writes = await self.on_stage(viewer, plan, viewer.picture, *arguments)
+        return await asyncio.wrap_future(editor.call(editor.write, layer, writes, commit))
+
+    @staticmethod
+    def _layer(message: dict) -> str | None:
+        return None if message.get("layer") is None else text(message, "layer")
+
+    @request("set")
+    async def _set(self, viewer: Viewer, message: dict) -> dict:
+        if "value" not in message:
+            raise Misused("'value' is missing; null removes the opinion")
+        return await self._write(viewer, editing.setting, text(message, "path"), text(message, "name"), message["value"],
+                                 moment(message), self._layer(message))
+
+    @request("transform")
+    async def _transform(self, viewer: Viewer, message: dict) -> dict:
+        return await self._write(viewer, editing.moving, text(message, "path"), numbers(message, "matrix", 12), self._layer(message),
+                                 commit=message.get("commit") is not False)
+
+    @request("visibility")
+    async def _visibility(self, viewer: Viewer, message: dict) -> dict:
+        value = "inherited" if _yes(message, "visible") else "invisible"
+        return await self._write(viewer, editing.setting, text(message, "path"), "visibility", value, None, self._layer(message))
+
+    @request("variant")
+    async def _variant(self, viewer: Viewer, message: dict) -> dict:
+        choice = None if message.get("choice") is None else text(message, "choice")
+        return await self._write(viewer, editing.choosing, text(message, "path"), text(message, "set"), choice, self._layer(message))
+
+    @request("activate")
+    async def _activate(self, viewer: Viewer, message: dict) -> dict:
+        return await self._write(viewer, editing.activating, text(message, "path"), _yes(message, "active"), self._layer(message))
+
+    @request("lock")
+    async def _lock(self, viewer: Viewer, message: dict) -> None:
+        editor = self._editor(viewer, False)
+        await asyncio.wrap_future(editor.call(editor.lock, text(message, "layer"), _yes(message, "locked")))
+
+    @request("mute")
+    async def _mute(self, viewer: Viewer, message: dict) -> None:
+        editor = self._editor(viewer, False)
+        await asyncio.wrap_future(editor.call(editor.mute, viewer.picture.layer, text(message, "layer"), _yes(message, "muted")))
+
+    @request("undo")
+    async def _undo(self, viewer: Viewer, message: dict) -> dict:
+        editor = self._editor(viewer)
+        return await asyncio.wrap_future(editor.call(editor.take_back, False))
+
+    @request("redo")
+    async def _redo(self, viewer: Viewer, message: dict) -> dict:
+        editor = self._editor(viewer)
+        return await asyncio.wrap_future(editor.call(editor.take_back, True))
+
     # -- looking
 
     @request("select")
@@ -155,8 +310,11 @@ class Requests:
         await self.on_stage(viewer, viewer.picture.set_time, viewer.time)
         self._present(viewer)
 
-    def _present(self, viewer: Viewer) -> None:
+    @staticmethod
+    def _present(viewer: Viewer) -> None:
         """Shows it to editors, too, if the viewer has a connection of their own."""
+        if viewer.editor is not None:
+            viewer.editor.call(viewer.editor.present, viewer.selection, viewer.camera, viewer.time)
 
     @request("stage")
     async def _stage(self, viewer: Viewer, message: dict) -> None:

@@ -1,0 +1,234 @@
+"""Edits of a viewer, made by a connection of their own, so that the server sees, checks and attributes them."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+import typing
+
+import usdlive
+from pxr import Gf, Sdf, Tf, Usd
+
+from . import transforms, tree, values
+from .owned import Owner
+
+if typing.TYPE_CHECKING:
+    from .picture import Picture
+
+_ACTIVE, _IDLE = 1 / 60, 0.1
+_ACTIVE_SECONDS = 2.0
+_FLUSH_SECONDS = 10.0
+
+
+@dataclasses.dataclass
+class Write:
+    """One opinion: the value of an attribute, the selection in a variant set, or whether a prim is active. `value` None
+    removes it."""
+
+    kind: str  # "attribute", "variant", "active"
+    path: Sdf.Path
+    name: str = ""
+    value: typing.Any = None
+    type: Sdf.ValueTypeName | None = None
+    is_uniform: bool = False
+    is_custom: bool = False
+    time: float | None = None
+    opinion: str = "property"  # the kind of opinion for access rules
+
+
+# -- what to write: on the thread of the stage
+
+
+def _layer_for(picture: "Picture", prim: Usd.Prim, name: str, wanted: str | None) -> str:
+    """The layer that an edit goes to: where the strongest opinion is, else where the prim is, else the root layer."""
+    if picture.past is not None:
+        raise usdlive.Error("invalidArgument", "the past cannot be edited; go back to now")
+    if prim.IsInstanceProxy() or prim.IsInPrototype():
+        raise usdlive.Error("invalidArgument", f"{prim.GetPath()} is a part of an instance: edit what is instanced")
+    stage = picture.stage
+    local = {layer.identifier for layer in stage.GetLayerStack(False)}
+    if wanted is not None:
+        if all(picture.live.layer_name(layer) != wanted for layer in stage.GetLayerStack(False)):
+            raise usdlive.Error("layerNotFound", f"{wanted} is no layer of the stage {picture.layer}")
+        return wanted
+    found = prim.GetProperty(name) if name else None
+    specs = (found.GetPropertyStack(Usd.TimeCode.Default()) if found else []) + list(prim.GetPrimStack())
+    for spec in specs:
+        if spec.layer.identifier in local and spec.path.GetPrimPath() == prim.GetPath() and picture.live.layer_name(spec.layer):
+            return picture.live.layer_name(spec.layer)
+    return picture.layer
+
+
+def setting(picture: "Picture", path: str, name: str, value: typing.Any, at: float | None, layer: str | None) -> tuple[str, list[Write]]:
+    prim = tree.prim_at(picture.stage, path)
+    attribute = prim.GetAttribute(name)
+    if not attribute:
+        raise usdlive.Error("NotFound", f"{path} has no attribute {name}")
+    kind = attribute.GetTypeName()
+    return _layer_for(picture, prim, name, layer), [
+        Write("attribute", prim.GetPath(), name, None if value is None else values.from_json(kind, value), kind,
+              attribute.GetVariability() == Sdf.VariabilityUniform, attribute.IsCustom(), at)]
+
+
+def moving(picture: "Picture", path: str, matrix: list[float], layer: str | None) -> tuple[str, list[Write]]:
+    prim = tree.prim_at(picture.stage, path)
+    rows = [matrix[3 * row:3 * row + 3] + [1.0 if row == 3 else 0.0] for row in range(4)]
+    now = picture.scene.time
+    found = transforms.ops_for(prim, Gf.Matrix4d(*[one for row in rows for one in row]), now)
+    writes = []
+    for one in found:
+        attribute = prim.GetAttribute(one.name)
+        at = now.GetValue() if attribute and attribute.GetNumTimeSamples() and not now.IsDefault() else None
+        writes.append(Write("attribute", prim.GetPath(), one.name, one.value, one.type, one.is_uniform, False, at, "transform"))
+    return _layer_for(picture, prim, found[0].name, layer), writes
+
+
+def choosing(picture: "Picture", path: str, set: str, choice: str | None, layer: str | None) -> tuple[str, list[Write]]:
+    prim = tree.prim_at(picture.stage, path)
+    if set not in prim.GetVariantSets().GetNames():
+        raise usdlive.Error("NotFound", f"{path} has no variant set {set}")
+    if choice and choice not in prim.GetVariantSet(set).GetVariantNames():
+        raise usdlive.Error("NotFound", f"the variant set {set} of {path} has no variant {choice}")
+    return _layer_for(picture, prim, "", layer), [Write("variant", prim.GetPath(), set, choice, opinion="variants")]
+
+
+def activating(picture: "Picture", path: str, active: bool, layer: str | None) -> tuple[str, list[Write]]:
+    prim = tree.prim_at(picture.stage, path)
+    return _layer_for(picture, prim, "", layer), [Write("active", prim.GetPath(), value=active, opinion="metadata")]
+
+
+# -- writing: on the thread of the editor
+
+
+class Editor(Owner):
+    """The connection of one viewer. `refused` is called on its thread with what the server did not take."""
+
+    def __init__(self, name: str, connect: typing.Callable[[], usdlive.Live], refused: typing.Callable[[dict], None]):
+        super().__init__(f"editor {name}", connect)
+        self.client = ""  # its id, from the beginning of the connection on
+        self._refused = refused
+        self._active_until = 0.0
+        self._is_dragging = False
+
+    def begin(self) -> None:
+        self.client = self.live.id
+        self.live.add_handler(self._happened)
+
+    def frame(self) -> float:
+        more = self.live.tick()
+        if more or self.live.pending:
+            self._active_until = time.monotonic() + _ACTIVE_SECONDS
+        return _ACTIVE if self._is_dragging or time.monotonic() < self._active_until else _IDLE
+
+    def write(self, layer: str, writes: list[Write], commit: bool = True) -> dict:
+        """Writes all of it as one transaction. Without `commit`, others see it as a preview until a later call commits."""
+        opened = self._open(layer)
+        for one in writes:
+            kind = "animation" if one.time is not None else one.opinion
+            path = one.path.AppendProperty(one.name) if one.kind == "attribute" else one.path
+            permission = self.live.may_edit(layer, str(path), kind)
+            if not permission:
+                raise usdlive.Error("forbidden", f"you may not edit {one.path} in {layer}: {permission.why}")
+        if not commit and not self._is_dragging:
+            self.live.begin_gesture()
+            self._is_dragging = True
+        try:
+            with Sdf.ChangeBlock():
+                for one in writes:
+                    _write(opened, one)
+        except Tf.ErrorException as failed:
+            raise usdlive.Error("forbidden", f"{layer} cannot be edited: {failed}") from None
+        if commit:
+            self.end_drag()
+        self._send()
+        return {"layer": layer}
+
+    def end_drag(self) -> None:
+        if self._is_dragging:
+            self._is_dragging = False
+            self.live.end_gesture()
+
+    def lock(self, layer: str, locked: bool) -> None:
+        self._open(layer)
+        permission = self.live.may_do("lock", layer)
+        if not permission:
+            raise usdlive.Error("forbidden", f"you may not lock or unlock {layer}: {permission.why}")
+        self.live.lock(layer) if locked else self.live.unlock(layer)
+        self._send()
+
+    def mute(self, root: str, layer: str, muted: bool) -> None:
+        self._open(root)
+        permission = self.live.may_do("mute", root)
+        if not permission:
+            raise usdlive.Error("forbidden", f"you may not mute layers of {root}: {permission.why}")
+        self.live.mute(root, layer) if muted else self.live.unmute(root, layer)
+        self._send()
+
+    def take_back(self, again: bool) -> dict:
+        """Undo, or redo, of the viewer's own work."""
+        self.end_drag()
+        result = self.live.redo() if again else self.live.undo()
+        self._send()
+        kept = "; ".join(map(str, result.kept[:10]))
+        return {"done": bool(result), "message": kept or (result.label if result else "there is nothing to take back")}
+
+    def present(self, selection: list[str], camera: list[float] | None, at: float | None) -> None:
+        """Shows others what the viewer looks at."""
+        self.live.show_presence(selection, camera, at)
+
+    def explain(self, layer: str, path: str, kind: str) -> tuple[bool, str]:
+        found = self.live.may_edit(layer, path, kind or None)
+        return bool(found), found.why or f"as {self.live.role or 'everybody'}"
+
+    def checkpoint(self, name: str) -> dict:
+        made = self.live.create_checkpoint(name)
+        return {"name": made.name, "revision": made.revision, "user": made.user, "at": made.time}
+
+    def _open(self, layer: str) -> Sdf.Layer:
+        return self.live.opened_layer(layer) or self.live.open_layer(layer, payloads=False)
+
+    def _send(self) -> None:
+        self.live.tick()
+        self._active_until = time.monotonic() + _ACTIVE_SECONDS
+
+    def _happened(self, event: usdlive.events.Event) -> None:
+        if not isinstance(event, usdlive.events.Lost):
+            return
+        places = {(edit.layer, edit.path.partition(".")[0]) for edit in event.edits} or {("", "")}
+        for layer, path in sorted(places)[:16]:
+            self._refused({"type": "refused", "path": path, "layer": layer, "code": event.code, "message": event.message})
+
+
+def _write(layer: Sdf.Layer, one: Write) -> None:
+    if one.kind == "attribute" and one.value is None:
+        _clear(layer, one)
+        return
+    prim = Sdf.CreatePrimInLayer(layer, one.path)
+    if one.kind == "variant":
+        if one.value is None:
+            prim.variantSelections.pop(one.name, None)
+        else:
+            prim.variantSelections[one.name] = one.value
+    elif one.kind == "active":
+        prim.active = one.value
+    else:
+        path = one.path.AppendProperty(one.name)
+        spec = layer.GetAttributeAtPath(path)
+        if not spec:
+            spec = Sdf.AttributeSpec(prim, one.name, one.type, Sdf.VariabilityUniform if one.is_uniform else Sdf.VariabilityVarying,
+                                     one.is_custom)
+        if one.time is None:
+            spec.default = one.value
+        else:
+            layer.SetTimeSample(path, one.time, one.value)
+
+
+def _clear(layer: Sdf.Layer, one: Write) -> None:
+    path = one.path.AppendProperty(one.name)
+    spec = layer.GetAttributeAtPath(path)
+    if not spec:
+        return
+    if one.time is None:
+        spec.ClearDefaultValue()
+    else:
+        layer.EraseTimeSample(path, one.time)
