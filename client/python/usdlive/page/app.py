@@ -8,6 +8,7 @@ import json
 import pathlib
 import typing
 
+import usdlive
 from starlette.applications import Starlette
 from starlette.datastructures import Headers
 from starlette.requests import Request
@@ -29,7 +30,7 @@ _NOT_BUILT = """The page is not built. In the sources of usdlive: ./run page
 The gateway works without it: a program can connect to the WebSocket /live (docs/page.md).
 """
 _HELLO_SECONDS = 10.0
-_BAD_MESSAGE, _NO_HELLO, _TOO_MANY = 4400, 4408, 4429
+_BAD_MESSAGE, _NO_HELLO, _TOO_MANY, _NOT_HERE = 4400, 4408, 4429, 4503
 MOST_MESSAGE_BYTES = 1 << 20
 _TYPES = {".html": "text/html; charset=utf-8", ".js": "text/javascript", ".mjs": "text/javascript", ".css": "text/css",
           ".svg": "image/svg+xml", ".png": "image/png", ".ico": "image/x-icon", ".json": "application/json",
@@ -99,6 +100,8 @@ class Live:
             return await _close(send, SIGN_IN, "sign in")
         except TooMany as bound:
             return await _close(send, _TOO_MANY, str(bound))
+        except usdlive.Error as failed:  # the stage is closing
+            return await _close(send, _NOT_HERE, failed.message)
         await self._serve(viewer, receive, send)
 
     async def _serve(self, viewer: Viewer, receive: Receive, send: Send) -> None:

@@ -43,15 +43,28 @@ class Read(typing.NamedTuple):
 
 
 def read(material: UsdShade.Material, time: Usd.TimeCode) -> Read:
-    message: dict = {"name": str(material.GetPath()), "color": [0.18, 0.18, 0.18], "opacity": 1.0, "metallic": 0.0, "roughness": 0.5,
-                     "emissive": [0.0, 0.0, 0.0], "ior": 1.5, "opacityThreshold": 0.0, "textures": {}, "animated": False}
+    """Never fails: what cannot be read is a problem of the material."""
+    message = _unread(str(material.GetPath()))
     files: dict[str, Sdf.AssetPath] = {}
+    try:
+        _read_into(message, files, material, time)
+    except Exception as wrong:  # of values with other types than their shader has
+        message["problem"] = f"the material cannot be read: {wrong}"
+    return Read(message, files)
+
+
+def _unread(path: str) -> dict:
+    return {"name": path, "color": [0.18, 0.18, 0.18], "opacity": 1.0, "metallic": 0.0, "roughness": 0.5,
+                     "emissive": [0.0, 0.0, 0.0], "ior": 1.5, "opacityThreshold": 0.0, "textures": {}, "animated": False}
+
+
+def _read_into(message: dict, files: dict[str, Sdf.AssetPath], material: UsdShade.Material, time: Usd.TimeCode) -> None:
     source = material.ComputeSurfaceSource()[0]
     if not source:
-        source = next((one for context in ("mdl", "mtlx", "ri") if (one := material.ComputeSurfaceSource([context])[0])), source)
+        source = next((one for context in ("mdl", "mtlx", "ri") if (one := material.ComputeSurfaceSource(context)[0])), source)
     if not source:
         message["problem"] = "the material has no surface shader"
-        return Read(message, files)
+        return
     identifier = source.GetIdAttr().Get()
     if identifier != "UsdPreviewSurface":
         message["problem"] = f"the shader {identifier or source.GetPath()} is shown by its colour only"
@@ -65,7 +78,6 @@ def read(material: UsdShade.Material, time: Usd.TimeCode) -> Read:
         texture = _texture(source, name, time)
         if texture:
             message["textures"][slot], files[slot] = texture
-    return Read(message, files)
 
 
 def _constant(shader: UsdShade.Shader, name: str, time: Usd.TimeCode) -> typing.Any:

@@ -66,6 +66,7 @@ class Picture(Owner):
         self.health = {"live": False, "revision": 0}  # replaced as a whole; any thread
         self._about: dict | None = None
         self.message = ""
+        self._last_error = ""
 
     # -- calls on its thread
 
@@ -156,6 +157,15 @@ class Picture(Owner):
         return self.live.layer_name(layer) or layer.GetDisplayName()
 
     def frame(self) -> float:
+        try:
+            self._frame()
+        except Exception as wrong:  # the picture goes on: one prim must not end it
+            if str(wrong) != self._last_error:
+                self._last_error = str(wrong)
+                _log.exception("an error in a frame of %s", self.layer)
+        return FRAME
+
+    def _frame(self) -> None:
         self._tick()
         version = self.scene.version
         frames = self.scene.update(_READ_SECONDS)
@@ -170,7 +180,6 @@ class Picture(Owner):
         if frames:
             self._watcher.show(self, frames, version)
         self._serve_streams()
-        return FRAME
 
     def _tick(self) -> None:
         try:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import collections
 import itertools
 import json
+import logging
 import math
 import time
 import typing
@@ -16,6 +17,8 @@ from . import facts, geometry, materials, skinning, wire
 from .blobs import Blobs
 from .nodes import Dirty, Node
 from .textures import Textures
+
+_log = logging.getLogger("usdlive.page")
 
 Frame = typing.Union[str, bytes]  # a message of JSON, or a batch
 
@@ -216,10 +219,17 @@ class Scene:
         """Reads a prim and everything below it again."""
         if root == "/":
             self._jobs.clear()
+        elif self._is_subset(root):  # its mesh tells of it
+            root = root.rpartition("/")[0]
         for job in self._jobs:
             if not job.begun and (root == job.root or root.startswith(job.root.rstrip("/") + "/")):
                 return
         self._jobs.append(_Job(root))
+
+    def _is_subset(self, path: str) -> bool:
+        known = self.nodes.get(path)
+        prim = self.stage.GetPrimAtPath(path)
+        return known is not None and known.kind == "subset" or bool(prim) and prim.IsA(UsdGeom.Subset)
 
     def _material_above(self, path: Sdf.Path) -> str:
         """The path of the material that this prim is, or is a part of."""
@@ -301,7 +311,7 @@ class Scene:
                     self._visit(job, prim, parent, chunk)
                 self._bind(chunk)
                 for node in chunk:
-                    self._read(node)
+                    self._read_safely(node)
                 built += [node for node in chunk if node.id]
                 if time.perf_counter() > end and job.waiting:
                     return built, removed
@@ -384,7 +394,11 @@ class Scene:
         bound = [node for node in chunk if node.kind in _DRAWN or node.kind == "subset"]
         if not bound:
             return
-        found, _ = UsdShade.MaterialBindingAPI.ComputeBoundMaterials([node.prim for node in bound])
+        try:
+            found, _ = UsdShade.MaterialBindingAPI.ComputeBoundMaterials([node.prim for node in bound])
+        except Tf.ErrorException as wrong:
+            _log.warning("materials cannot be found: %s", wrong)
+            return
         for node, material in zip(bound, found):
             node.material = self._material(material) if material else ""
 
@@ -429,6 +443,17 @@ class Scene:
             self._read_material(material, path)
         else:
             del self._materials[path]
+
+    def _read_safely(self, node: Node) -> None:
+        """A prim that cannot be read is shown as a place with a problem."""
+        try:
+            self._read(node)
+        except Exception as wrong:
+            _log.warning("%s cannot be read: %s", node.path, wrong)
+            node.problems["read"] = f"cannot be read: {wrong}"
+            node.data = {"id": node.id, "path": node.path, "parent": node.shown_parent(), "kind": "xform", "matrix": _IDENTITY,
+                         "resetsStack": False, "visible": True, "purpose": node.purpose}
+            node.kind, node.text = "xform", None
 
     def _read(self, node: Node) -> None:
         """Reads everything of a new node."""
