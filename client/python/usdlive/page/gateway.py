@@ -15,6 +15,7 @@ from .access import Person, Server
 from .blobs import Blobs
 from .editing import Editor
 from .history import Reader
+from .owned import Owner
 from .picture import Picture
 from .presence import APPLICATION, People
 from .viewer import Viewer
@@ -48,6 +49,7 @@ class Gateway:
         self._tasks: set[asyncio.Task] = set()
         self.people = People()
         self._reader: Reader | None = None
+        self._owners: set[Owner] = set()  # all that run
         self._layers_text = ""
         self.main: Picture  # from start() on
 
@@ -68,11 +70,10 @@ class Gateway:
             task.cancel()
         for viewer in tuple(self.viewers.values()):
             viewer.leave()
-            if viewer.editor is not None:
-                viewer.editor.close()
-        for owner in (*self._pictures.values(), *([self._reader] if self._reader else [])):
+        for owner in self._owners:
             owner.close()
-        await asyncio.to_thread(lambda: [picture.join(10) for picture in self._pictures.values()])
+        # The interpreter must not end while a thread is within a connection.
+        await asyncio.to_thread(lambda: [owner.join(10) for owner in self._owners])
         self.workers.shutdown(wait=False, cancel_futures=True)
 
     def spawn(self, job: typing.Coroutine) -> None:
@@ -113,7 +114,7 @@ class Gateway:
             if len(self._pictures) >= MOST_PICTURES:
                 raise TooMany(f"{MOST_PICTURES} stages are open already; try again when somebody has closed one")
             picture = self._pictures[key] = Picture(self.connect, layer, self.blobs, self, past)
-            picture.start()
+            self._begin(picture)
         try:
             await asyncio.shield(asyncio.wrap_future(picture.ready))
         except Exception:
@@ -153,7 +154,7 @@ class Gateway:
         """The connection that asks about the history. It begins when it is first needed."""
         if self._reader is None or not self._reader.is_alive():
             self._reader = Reader("history", self.connect)
-            self._reader.start()
+            self._begin(self._reader)
         return self._reader
 
     def editor(self, viewer: Viewer) -> Editor:
@@ -164,8 +165,12 @@ class Gateway:
             return usdlive.connect(self.url, user=person.name, application="page", token=person.token)
 
         editor = Editor(person.name, connect, lambda message: self._soon(viewer.tell, message))
-        editor.start()
+        self._begin(editor)
         return editor
+
+    def _begin(self, owner: Owner) -> None:
+        self._owners = {one for one in self._owners if one.is_alive()} | {owner}
+        owner.start()
 
     # -- viewers
 

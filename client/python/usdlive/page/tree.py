@@ -16,7 +16,7 @@ _ALL = Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate)
 def prim_at(stage: Usd.Stage, path: object) -> Usd.Prim:
     if not isinstance(path, str) or not Sdf.Path.IsValidPathString(path):
         raise usdlive.Error("invalidPath", f"{path!r} is no path of a prim")
-    prim = stage.GetPrimAtPath(Sdf.Path(path).GetPrimPath())
+    prim = stage.GetPrimAtPath(path) if path == "/" else stage.GetPrimAtPath(Sdf.Path(path).GetPrimPath())
     if not prim:
         raise usdlive.Error("NotFound", f"there is no prim {path}")
     return prim
