@@ -23,7 +23,8 @@ LINES = {"ls": [], "who": [], "cat": ["root.usda"], "tree": ["root.usda"], "dump
 OPTIONS = {"dump": ["--composed"]}
 # These ask no server, or one that they are told in another way.
 LOCAL = {"access": ["--help"], "audit": ["--help"], "backup": ["--help"], "completion": ["bash"], "deny": ["--help"],
-         "forget": ["127.0.0.1:1"], "grant": ["--help"], "help": [], "join": [], "login": ["--help"], "revoke": ["--help"],
+         "forget": ["127.0.0.1:1"], "grant": ["--help"], "help": [], "join": [], "login": ["--help"],
+         "page": ["--help"], "revoke": ["--help"],
          "serve": ["--help"], "user": ["--help"]}
 LEAST = {"cat": 1, "tree": 1, "dump": 1, "flatten": 1, "blame": 2, "diff": 2, "revert": 1, "restore": 1, "upload": 2, "checkpoint": 1, "mute": 2, "unmute": 2, "lock": 1,
          "unlock": 1}

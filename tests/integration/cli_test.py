@@ -71,7 +71,7 @@ def test_saving_writes_the_files(served, editor):
     assert (served.folder / "root.usda").read_text() == ada.text("root.usda")
 
 
-VERBS = ("serve", "join", "ls", "who", "cat", "tree", "log", "watch", "save", "reload", "upload", "checkpoint", "checkpoints", "mute",
+VERBS = ("serve", "page", "join", "ls", "who", "cat", "tree", "log", "watch", "save", "reload", "upload", "checkpoint", "checkpoints", "mute",
          "unmute", "lock", "unlock", "completion")
 
 

@@ -123,7 +123,7 @@ WORDS = {
     "unmute": [[NONE, "shot.usda"], ["shot.usda", NONE]], "lock": [[NONE], ["locked.usda", NONE]],
     "unlock": [[NONE], ["locked.usda", NONE]], "help": [["nothing"]], "completion": [["nothing"]]}
 WITHOUT_NAMES = {"ls", "who", "checkpoints", "checkpoint", "compact", "stat", "serve", "forget", "join", "user", "access",
-                 "grant", "deny", "revoke", "audit", "backup", "login"}
+                 "grant", "deny", "revoke", "audit", "backup", "login", "page"}
 
 
 def ended(*words):

@@ -1,4 +1,4 @@
-"""What viewers of the page ask and edit."""
+"""Tests what viewers of the page ask and edit."""
 
 import numpy
 import pytest
@@ -100,7 +100,7 @@ def test_an_edit_of_a_viewer_is_attributed_to_them_and_undone(opened, served, ed
     opened.ask("set", path="/World/Ball", name="radius", value=3.5)
     ada.run("assert live.wait(lambda: stage.GetAttributeAtPath('/World/Ball.radius').Get() == 3.5, 20)")
     commit = opened.ask("log", limit=1)["commits"][0]
-    assert commit["user"] == "vera" and commit["paths"] == ["/World/Ball"] and commit["layers"] == ["root.usda"]
+    assert commit["user"] == "vera" and commit["text"] == "Set /World/Ball" and commit["paths"] == ["/World/Ball"] and commit["layers"] == ["root.usda"]
     opinion = opened.ask("opinions", path="/World/Ball", name="radius")["opinions"][0]
     assert opinion["author"] == "vera" and opinion["revision"] == commit["revision"]
     assert any(one["user"] == "vera" and one["path"] == "/World/Ball.radius" for one in opened.ask("blame", path="/World/Ball")["items"])

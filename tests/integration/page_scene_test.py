@@ -1,4 +1,4 @@
-"""What the gateway of the page tells when a stage changes, for all kinds of prims."""
+"""Tests what the gateway of the page tells when a stage changes, for all kinds of prims."""
 
 import math
 

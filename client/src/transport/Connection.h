@@ -28,7 +28,7 @@ struct ServerAddress {
     std::string project = {};  ///< empty: the server's only project
     bool dds = false;          ///< with an empty project: all projects found
     bool isSecure = false;     ///< the connection is encrypted with TLS
-    std::string token = {};    ///< of the user; empty: the one that is known for the server
+    std::string token = {};    ///< the user's token; empty: the one that is known
 
     [[nodiscard]] std::string url() const;
     /// Returns the text of the header Host, with the brackets of an IPv6 address.
@@ -104,8 +104,8 @@ public:
 [[nodiscard]] Result<std::unique_ptr<Connection>> createConnection(const ServerAddress& address);
 
 /// Connects over WebSocket to `/live`. Identifies itself with the token of the address, or the one
-/// that is known for the server, and accepts the certificates that ClientTls does. A lost peer is detected within 15 s
-/// with pings.
+/// that is known for the server, and accepts the certificates that ClientTls does. A lost peer is
+/// detected within 15 s with pings.
 [[nodiscard]] std::unique_ptr<Connection> createWebSocketConnection(
     const ServerAddress& address, Connection::Brings brings = Connection::Brings::Bytes);
 

@@ -1,4 +1,4 @@
-"""Who a viewer is, as the server says, and whom the gateway answers."""
+"""Finds out who a viewer is, from the server, and whom the gateway answers."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class Server:
             connection.close()
 
     def person(self, token: str, name: str) -> Person:
-        """Who the token belongs to, with the role. Raises Refused."""
+        """Returns the user of the token, with the role. Raises Refused."""
         if not self.asks_to_sign_in:
             return Person(name or "viewer", "editor")
         if not token:

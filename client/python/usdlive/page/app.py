@@ -93,7 +93,7 @@ class Live:
         if hello.get("type") != "hello":
             return await _close(send, _BAD_MESSAGE, "the first message must be hello")
         try:
-            person = await self._gateway.in_worker(self._gateway.server.person, _text(hello, "token"), _text(hello, "name")[:200])
+            person = await self._gateway.person(_text(hello, "token"), _text(hello, "name")[:200])
             viewer = await self._gateway.enter(person)
         except Refused as refused:
             await send({"type": "websocket.send", "text": wire.text({"type": "signIn", "message": str(refused)})})

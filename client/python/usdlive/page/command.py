@@ -19,8 +19,9 @@ ws://127.0.0.1:7447. For a server with several projects use ws://HOST:PORT/PROJE
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser("usdlive page", description="Show a project in browsers: the live stage, its people and its history",
+    parser = argparse.ArgumentParser("usdlive page", add_help=False, description="Show a project in browsers: the live stage, its people and its history",
                                      epilog=_EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False)
+    parser.add_argument("-h", "--help", action="store_true", help="print this help")
     parser.add_argument("url", metavar="URL", nargs="?", help="the server")
     parser.add_argument("--stage", metavar="LAYER", default="", help="the root layer; by default one near the top of the project")
     parser.add_argument("--host", default="127.0.0.1", help="the address to listen on (%(default)s)")
@@ -31,6 +32,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--insecure", action="store_true", help="listen on a network without encryption or sign-in")
     parser.add_argument("-u", "--user", default=os.environ.get("USDLIVE_USER", ""), metavar="NAME", help="the name of the gateway's own connection")
     parser.add_argument("--ca", metavar="FILE", help="also trust servers that an authority in this file has certified")
+    parser.add_argument("--with-parent", action="store_true", help=argparse.SUPPRESS)  # ends when the standard input does
     parser.add_argument("--open", action="store_true", help="open the page in a browser")
     return parser
 
@@ -40,7 +42,14 @@ class Failed(Exception):
 
 
 def main(arguments: list[str]) -> int:
-    options = _parser().parse_args(arguments)
+    parser = _parser()
+    options = parser.parse_args(arguments)
+    if options.help:
+        try:
+            print(parser.format_help(), end="", flush=True)
+        except OSError as failed:
+            return _unwritten(failed)
+        return 0
     if options.ca:
         os.environ["USDLIVE_CA"] = options.ca
     try:
@@ -55,11 +64,15 @@ def main(arguments: list[str]) -> int:
         asyncio.run(_serve(options))
     except (Failed, usdlive.Error) as failed:
         return _failed(getattr(failed, "message", str(failed)))
-    except BrokenPipeError:
-        return _failed("standard output cannot be written: the pipe was closed")
     except KeyboardInterrupt:
         pass
     return 0
+
+
+def _unwritten(failed: OSError) -> int:
+    # The interpreter would try again when it ends.
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    return _failed(f"standard output cannot be written: {failed.strerror}")
 
 
 def _failed(why: str) -> int:
@@ -90,6 +103,8 @@ async def _serve(options: argparse.Namespace) -> None:
         server.install_signal_handlers = lambda: None  # type: ignore[attr-defined]
         for name in (signal.SIGINT, signal.SIGTERM):
             asyncio.get_running_loop().add_signal_handler(name, lambda: setattr(server, "should_exit", True))
+        if options.with_parent:
+            asyncio.get_running_loop().add_reader(sys.stdin.fileno(), _parent, server)
         announcing = asyncio.ensure_future(_announce(options, server, listener))
         with contextlib.suppress(asyncio.CancelledError):
             await server.serve([listener])
@@ -97,6 +112,13 @@ async def _serve(options: argparse.Namespace) -> None:
     finally:
         await gateway.stop()
         listener.close()
+
+
+def _parent(server: "object") -> None:
+    """`usdlive serve --page` holds the other end of the standard input, which is closed when it ends."""
+    if not os.read(sys.stdin.fileno(), 4096):
+        asyncio.get_running_loop().remove_reader(sys.stdin.fileno())
+        server.should_exit = True  # type: ignore[attr-defined]
 
 
 async def _announce(options: argparse.Namespace, server: "object", listener: socket.socket) -> None:
@@ -108,9 +130,10 @@ async def _announce(options: argparse.Namespace, server: "object", listener: soc
     address = f"{'https' if options.tls else 'http'}://{host}:{port}/"
     try:
         print(f"The page is at {address}", flush=True)
-    except OSError:
+    except OSError as failed:
         server.should_exit = True  # type: ignore[attr-defined]
-        raise
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        raise Failed(f"standard output cannot be written: {failed.strerror}") from None
     if options.port_file:
         part = pathlib.Path(options.port_file + ".part")
         part.write_text(str(port))

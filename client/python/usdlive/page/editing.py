@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import time
 import typing
@@ -17,7 +18,6 @@ if typing.TYPE_CHECKING:
 
 _ACTIVE, _IDLE = 1 / 60, 0.1
 _ACTIVE_SECONDS = 2.0
-_FLUSH_SECONDS = 10.0
 
 
 @dataclasses.dataclass
@@ -108,7 +108,7 @@ class Editor(Owner):
         self.client = ""  # its id, from the beginning of the connection on
         self._refused = refused
         self._active_until = 0.0
-        self._is_dragging = False
+        self._drag: contextlib.ExitStack | None = None  # the undo group and the gesture that are open
 
     def begin(self) -> None:
         self.client = self.live.id
@@ -118,9 +118,9 @@ class Editor(Owner):
         more = self.live.tick()
         if more or self.live.pending:
             self._active_until = time.monotonic() + _ACTIVE_SECONDS
-        return _ACTIVE if self._is_dragging or time.monotonic() < self._active_until else _IDLE
+        return _ACTIVE if self._drag is not None or time.monotonic() < self._active_until else _IDLE
 
-    def write(self, layer: str, writes: list[Write], commit: bool = True) -> dict:
+    def write(self, layer: str, writes: list[Write], label: str, commit: bool = True) -> dict:
         """Writes all of it as one transaction. Without `commit`, others see it as a preview until a later call commits."""
         opened = self._open(layer)
         for one in writes:
@@ -129,14 +129,19 @@ class Editor(Owner):
             permission = self.live.may_edit(layer, str(path), kind)
             if not permission:
                 raise usdlive.Error("forbidden", f"you may not edit {one.path} in {layer}: {permission.why}")
-        if not commit and not self._is_dragging:
-            self.live.begin_gesture()
-            self._is_dragging = True
+        if self._drag is None:
+            self._drag = contextlib.ExitStack()
+            self._drag.enter_context(self.live.undo_group(label))
+            self._drag.callback(self.live.tick)  # what is written belongs to the group when it is ticked
+            if not commit:
+                self._drag.enter_context(self.live.gesture())
+                self._drag.callback(self.live.tick)
         try:
             with Sdf.ChangeBlock():
                 for one in writes:
                     _write(opened, one)
         except Tf.ErrorException as failed:
+            self.end_drag()
             raise usdlive.Error("forbidden", f"{layer} cannot be edited: {failed}") from None
         if commit:
             self.end_drag()
@@ -144,9 +149,9 @@ class Editor(Owner):
         return {"layer": layer}
 
     def end_drag(self) -> None:
-        if self._is_dragging:
-            self._is_dragging = False
-            self.live.end_gesture()
+        if self._drag is not None:
+            self._drag.close()
+            self._drag = None
 
     def lock(self, layer: str, locked: bool) -> None:
         self._open(layer)

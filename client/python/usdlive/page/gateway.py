@@ -42,6 +42,8 @@ class Gateway:
         self.blobs = Blobs()
         self.viewers: dict[int, Viewer] = {}
         self.workers = concurrent.futures.ThreadPoolExecutor(8, "usdlive page worker")
+        # Wrong tokens are answered slowly (AC5), which must not delay other work.
+        self._sign_ins = concurrent.futures.ThreadPoolExecutor(4, "usdlive page sign-in")
         self._stage = stage
         self._numbers = itertools.count(1)
         self._pictures: dict[typing.Hashable, Picture] = {}
@@ -62,8 +64,9 @@ class Gateway:
         if not self._stage:
             self._stage = await self.in_worker(self._choose_stage)
         self.main = await self._open(("live", self._stage), self._stage, None)
-        for job in (self._check_people(), self._tell_people(), self._tell_layers()):
-            self.spawn(job)
+        for job, seconds in ((self._check_people, _CHECK_SECONDS), (self._tell_people, _PEOPLE_SECONDS),
+                             (self._tell_layers, _LAYERS_SECONDS)):
+            self.spawn(self._repeat(job, seconds))
 
     async def stop(self) -> None:
         for task in tuple(self._tasks):
@@ -74,7 +77,8 @@ class Gateway:
             owner.close()
         # The interpreter must not end while a thread is within a connection.
         await asyncio.to_thread(lambda: [owner.join(10) for owner in self._owners])
-        self.workers.shutdown(wait=False, cancel_futures=True)
+        for workers in (self.workers, self._sign_ins):
+            workers.shutdown(wait=False, cancel_futures=True)
 
     def spawn(self, job: typing.Coroutine) -> None:
         task = self._loop.create_task(job)
@@ -174,12 +178,20 @@ class Gateway:
 
     # -- viewers
 
+    def person(self, token: str, name: str) -> asyncio.Future:
+        """Asks the server who somebody is. Its result is a Person; it raises Refused."""
+        return asyncio.get_running_loop().run_in_executor(self._sign_ins, self.server.person, token, name)
+
     async def enter(self, person: Person) -> Viewer:
         if len(self.viewers) >= MOST_VIEWERS:
             raise TooMany(f"{MOST_VIEWERS} pages are open already")
         viewer = Viewer(next(self._numbers), person, self.main)
         self.viewers[viewer.number] = viewer
-        await self.welcome(viewer)
+        try:
+            await self.welcome(viewer)
+        except Exception:
+            self.leave(viewer)
+            raise
         viewer.tell_latest("presence", self.people.text_without(viewer.id))
         if self._layers_text:
             viewer.tell_latest("layers", self._layers_text)
@@ -227,27 +239,33 @@ class Gateway:
 
     # -- jobs that repeat
 
+    @staticmethod
+    async def _repeat(job: typing.Callable[[], typing.Awaitable[None]], seconds: float) -> None:
+        last = ""
+        while True:
+            await asyncio.sleep(seconds)
+            try:
+                await job()
+            except Exception as failed:
+                if str(failed) != last:
+                    last = str(failed)
+                    _log.exception("an error of the gateway, which goes on")
+
     async def _check_people(self) -> None:
         """Ends the pages of users whose tokens have ended."""
-        while True:
-            await asyncio.sleep(_CHECK_SECONDS)
-            for viewer in tuple(self.viewers.values()):
-                if viewer.person.token and not await self.in_worker(self.server.still_in, viewer.person):
-                    viewer.expel("your sign-in has ended")
+        for viewer in tuple(self.viewers.values()):
+            if viewer.person.token and not await self.in_worker(self.server.still_in, viewer.person):
+                viewer.expel("your sign-in has ended")
 
     async def _tell_people(self) -> None:
-        while True:
-            await asyncio.sleep(_PEOPLE_SECONDS)
-            others = await asyncio.wrap_future(self.main.call(self.main.live.presences))
-            if self.people.update(others, self.viewers.values()):
-                for viewer in self.viewers.values():
-                    viewer.tell_latest("presence", self.people.text_without(viewer.id))
+        others = await asyncio.wrap_future(self.main.call(self.main.live.presences))
+        if self.people.update(others, self.viewers.values()):
+            for viewer in self.viewers.values():
+                viewer.tell_latest("presence", self.people.text_without(viewer.id))
 
     async def _tell_layers(self) -> None:
-        while True:
-            text = wire.text(await asyncio.wrap_future(self.main.call(self.main.layers)))
-            if text != self._layers_text:
-                self._layers_text = text
-                for viewer in self.viewers.values():
-                    viewer.tell_latest("layers", text)
-            await asyncio.sleep(_LAYERS_SECONDS)
+        text = wire.text(await asyncio.wrap_future(self.main.call(self.main.layers)))
+        if text != self._layers_text:
+            self._layers_text = text
+            for viewer in self.viewers.values():
+                viewer.tell_latest("layers", text)

@@ -18,7 +18,7 @@ MOST_POINTS = 16_000_000
 
 @dataclasses.dataclass
 class Geometry:
-    """What was read. `colour` and `opacity`: of the whole prim. `order` sorts the polygons of a mesh for `subsets`, which are
+    """The result of reading a gprim. `colour` and `opacity`: of the whole prim. `order` sorts the polygons of a mesh for `subsets`, which are
     (path of the subset, first index, number of indices)."""
 
     shape: Shape | None = None

@@ -74,7 +74,7 @@ def query(message: dict) -> dict:
         return milliseconds(value if isinstance(value, (int, float)) and not isinstance(value, bool) else value or None)
 
     return {"users": texts("user"), "kinds": texts("kind"), "since": moment("since"), "until": moment("until"),
-            "layer": place("layer"), "path": place("path")}
+            "layer": place("layer"), "path": place("path"), "label": place("label")}
 
 
 def _short(value: typing.Any) -> str:
@@ -90,6 +90,8 @@ def _commit(one: usdlive.LoggedCommit) -> dict:
 
 
 def _sentence(one: usdlive.LoggedCommit, paths: list[str]) -> str:
+    if one.label:
+        return one.label
     if one.imported:
         return f"read the file of {one.imported}"
     if not one.edits:

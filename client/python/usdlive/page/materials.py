@@ -48,7 +48,7 @@ def read(material: UsdShade.Material, time: Usd.TimeCode) -> Read:
     files: dict[str, Sdf.AssetPath] = {}
     try:
         _read_into(message, files, material, time)
-    except Exception as wrong:  # of values with other types than their shader has
+    except Exception as wrong:  # values may have other types than their shader has
         message["problem"] = f"the material cannot be read: {wrong}"
     return Read(message, files)
 

@@ -1,4 +1,4 @@
-"""What the gateway knows about each prim."""
+"""The gateway's knowledge of each prim."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from .blobs import Blobs
 
 
 class Dirty:
-    """What has to be read again, as bits. Plain numbers: thousands are combined in a frame."""
+    """The parts that have to be read again, as bits. Plain numbers: thousands are combined in a frame."""
 
     MATRIX = 1
     VISIBLE = 2

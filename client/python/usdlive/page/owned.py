@@ -25,6 +25,7 @@ class Owner(threading.Thread):
         self._calls: queue.SimpleQueue[tuple[typing.Callable[[], typing.Any], concurrent.futures.Future]] = queue.SimpleQueue()
         self._ends = threading.Event()
         self._awake = threading.Event()
+        self._why: Exception = usdlive.Error("notConnected", "this connection was closed")
         self.ready: concurrent.futures.Future = concurrent.futures.Future()  # done when it is connected
         self.live: usdlive.Live | None = None
 
@@ -32,7 +33,7 @@ class Owner(threading.Thread):
         """Calls it on this thread. Calls are done in order. Any thread."""
         future: concurrent.futures.Future = concurrent.futures.Future()
         if self._ends.is_set():
-            future.set_exception(usdlive.Error("notConnected", "this connection was closed"))
+            future.set_exception(self._why)
             return future
         self._calls.put((lambda: function(*arguments), future))
         self._awake.set()
@@ -48,6 +49,7 @@ class Owner(threading.Thread):
             self.live = self._connect()
             self.begin()
         except Exception as failed:
+            self._why = failed
             self._ends.set()
             self.ready.set_exception(failed)
             self._refuse_calls()
@@ -93,7 +95,7 @@ class Owner(threading.Thread):
             while True:
                 future = self._calls.get_nowait()[1]
                 if future.set_running_or_notify_cancel():
-                    future.set_exception(usdlive.Error("notConnected", "this connection was closed"))
+                    future.set_exception(self._why)
 
     def _leave(self) -> None:
         with contextlib.suppress(Exception):

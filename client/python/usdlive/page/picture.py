@@ -12,6 +12,7 @@ from pxr import Sdf, Usd
 from . import wire
 from .blobs import Blobs
 from .owned import Owner
+from .presence import APPLICATION
 from .scene import Frame, Scene
 from .textures import Textures
 
@@ -85,7 +86,7 @@ class Picture(Owner):
         self.scene.close()
 
     def welcome(self) -> dict:
-        """What a page is told of the stage."""
+        """Returns what a page is told of the stage."""
         player = self.player
         return {"stage": self.layer, "stages": self.live.layers(), **self.scene.about(),
                 "revision": {"first": player.first if player else 1, "last": player.last if player else self.live.revision},
@@ -134,12 +135,14 @@ class Picture(Owner):
         states = self.live.layer_states()
         muted = set(self.stage.GetMutedLayers())
         seen: set[str] = set()
+        # The gateway has the layers open, too; its user counts if they have another program open.
+        own = {self.live.user} - {one.user for one in self.live.presences() if one.application != APPLICATION}
 
         def entry(layer: Sdf.Layer | None, name: str, identifier: str) -> dict:
             state = states.get(name)
             found = {"layer": name, "children": [], "muted": identifier in muted, "dirty": bool(state and state.dirty),
                      "lockedBy": (state.holder or "somebody") if state and state.locked else "",
-                     "openBy": sorted(set(state.editors)) if state else [], "missing": layer is None}
+                     "openBy": sorted(set(state.editors) - own) if state else [], "missing": layer is None}
             if layer is None or identifier in seen or len(seen) > MOST_LAYERS:
                 return found
             seen.add(identifier)
@@ -183,7 +186,7 @@ class Picture(Owner):
 
     def _tick(self) -> None:
         try:
-            # As Live.tick(), without an object for each edit of others: the stage tells what has changed.
+            # Does what Live.tick() does, without an object for each edit of others: the stage tells what has changed.
             _, _, happened = self.live._client.tick(_TICK_MS)
             self.live._notify([one for one in happened if one["event"] != "Committed"])
             if self.player is not None and self.player.playing:

@@ -1,4 +1,4 @@
-"""Who is here: editors, as the server says, and the viewers of this gateway."""
+"""Lists who is here: editors, from the server, and the viewers of this gateway."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from . import wire
 if typing.TYPE_CHECKING:
     from .viewer import Viewer
 
-APPLICATION = "usdlive page"  # of the gateway's own connections, which are no people
+APPLICATION = "usdlive page"  # the gateway's own connections, which are no people
 MOST_SELECTED = 256
 
 

@@ -1,4 +1,4 @@
-"""What a page asks for. Each message with a number is answered once."""
+"""Answers what a page asks for: each message with a number once."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .viewer import Viewer
 
 _log = logging.getLogger("usdlive.page")
 
-MOST_REQUESTS = 64  # of a page that wait for an answer
+MOST_REQUESTS = 64  # requests of a page that wait for an answer
 _Handler = typing.Callable[["Requests", Viewer, dict], typing.Awaitable[typing.Any]]
 _handlers: dict[str, _Handler] = {}
 
@@ -218,7 +218,7 @@ class Requests:
 
     @request("explain")
     async def _explain(self, viewer: Viewer, message: dict) -> dict:
-        """What the viewer may do. Of others only the server's machine tells (`usdlive access`)."""
+        """Says what the viewer may do. About others only the server's machine tells (`usdlive access`)."""
         if message.get("user") not in (None, "", viewer.person.name):
             raise usdlive.Error("Unsupported", "the rights of others are told on the server's machine: usdlive access DIR USER LAYER")
         editor = self._editor(viewer, False)
@@ -236,11 +236,12 @@ class Requests:
             viewer.editor = self.gateway.editor(viewer)
         return viewer.editor
 
-    async def _write(self, viewer: Viewer, plan: typing.Callable, *arguments: typing.Any, commit: bool = True) -> dict:
-        """Finds out on the stage what to write where, and writes it."""
+    async def _write(self, viewer: Viewer, verb: str, plan: typing.Callable, *arguments: typing.Any, commit: bool = True) -> dict:
+        """Finds out on the stage what to write where, and writes it. The history shows it as the verb and the prim's path."""
+        label = f"{verb} {arguments[0]}"[:200]
         editor = self._editor(viewer)
         layer, writes = await self.on_stage(viewer, plan, viewer.picture, *arguments)
-        return await asyncio.wrap_future(editor.call(editor.write, layer, writes, commit))
+        return await asyncio.wrap_future(editor.call(editor.write, layer, writes, label, commit))
 
     @staticmethod
     def _layer(message: dict) -> str | None:
@@ -250,27 +251,27 @@ class Requests:
     async def _set(self, viewer: Viewer, message: dict) -> dict:
         if "value" not in message:
             raise Misused("'value' is missing; null removes the opinion")
-        return await self._write(viewer, editing.setting, text(message, "path"), text(message, "name"), message["value"],
+        return await self._write(viewer, "Set", editing.setting, text(message, "path"), text(message, "name"), message["value"],
                                  moment(message), self._layer(message))
 
     @request("transform")
     async def _transform(self, viewer: Viewer, message: dict) -> dict:
-        return await self._write(viewer, editing.moving, text(message, "path"), numbers(message, "matrix", 12), self._layer(message),
+        return await self._write(viewer, "Move", editing.moving, text(message, "path"), numbers(message, "matrix", 12), self._layer(message),
                                  commit=message.get("commit") is not False)
 
     @request("visibility")
     async def _visibility(self, viewer: Viewer, message: dict) -> dict:
         value = "inherited" if _yes(message, "visible") else "invisible"
-        return await self._write(viewer, editing.setting, text(message, "path"), "visibility", value, None, self._layer(message))
+        return await self._write(viewer, "Show or hide", editing.setting, text(message, "path"), "visibility", value, None, self._layer(message))
 
     @request("variant")
     async def _variant(self, viewer: Viewer, message: dict) -> dict:
         choice = None if message.get("choice") is None else text(message, "choice")
-        return await self._write(viewer, editing.choosing, text(message, "path"), text(message, "set"), choice, self._layer(message))
+        return await self._write(viewer, "Choose a variant of", editing.choosing, text(message, "path"), text(message, "set"), choice, self._layer(message))
 
     @request("activate")
     async def _activate(self, viewer: Viewer, message: dict) -> dict:
-        return await self._write(viewer, editing.activating, text(message, "path"), _yes(message, "active"), self._layer(message))
+        return await self._write(viewer, "Activate or deactivate", editing.activating, text(message, "path"), _yes(message, "active"), self._layer(message))
 
     @request("lock")
     async def _lock(self, viewer: Viewer, message: dict) -> None:

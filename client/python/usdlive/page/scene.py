@@ -1,4 +1,4 @@
-"""What there is to draw on a stage, and what has changed since the last frame. On the thread of the stage."""
+"""Finds what there is to draw on a stage, and what has changed since the last frame. On the thread of the stage."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Frame = typing.Union[str, bytes]  # a message of JSON, or a batch
 ALL = Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate)
 # Prototypes of instancers can be classes, which are not defined otherwise.
 WITH_CLASSES = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsDefined & Usd.PrimIsLoaded)
-_UNSHOWN = ("material", "shader")  # what is below is not shown
+_UNSHOWN = ("material", "shader")  # prims below are not shown
 ITEMS_OF_A_MESSAGE = 400
 MOST_INSTANCES = 1_000_000
 _IDENTITY = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
@@ -59,7 +59,6 @@ class Scene:
         self.nodes: dict[str, Node] = {}
         self._items: dict[int, Node] = {}
         self._numbers = itertools.count(1)
-        self._round = itertools.count(1)
         self._jobs: collections.deque[_Job] = collections.deque()
         self._dirty: dict[str, int] = {}
         self._changed: dict[str, set[str]] = {}  # names of properties by path of the prim
@@ -74,8 +73,8 @@ class Scene:
         self._held_textures: set[str] = set()
         self._new_materials: dict[str, dict] = {}
         self._moved_times: dict[str, float] = {}  # when the geometry of an expensive node may be read again
-        self.version = 0  # of the last batch
-        self._recent: dict[str, tuple[int, int]] = {}  # what batches have told of nodes, the newest at the end
+        self.version = 0  # the number of the last batch
+        self._recent: dict[str, tuple[int, int]] = {}  # the parts of nodes that batches have told, the newest at the end
         self.touched: set[str] = set()  # prims that differ, for `changed`; taken by who sends it
         self.restructured = False
         self.metadata_changed = True
@@ -86,8 +85,12 @@ class Scene:
         self._listener.Revoke()
         for node in list(self.nodes.values()):
             node.set_geometry(self._blobs, "")
+        self._release_textures()
+
+    def _release_textures(self) -> None:
         for name in self._held_textures:
             self._blobs.release(name)
+        self._held_textures.clear()
 
     @property
     def is_building(self) -> bool:
@@ -131,6 +134,7 @@ class Scene:
     def files_changed(self) -> None:
         """Textures may have another content."""
         self._textures.forget()
+        self._release_textures()
         for path in tuple(self._materials):
             self._material_changed(path)
         for node in self.nodes.values():

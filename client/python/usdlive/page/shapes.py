@@ -16,7 +16,7 @@ MOST_INDICES = 48_000_000
 
 @dataclasses.dataclass
 class Shape:
-    """What is drawn: `indices` are triangles of a mesh, or the two ends of each line. Normals, uvs and colours are for each
+    """Something that is drawn: `indices` are triangles of a mesh, or the two ends of each line. Normals, uvs and colours are for each
     point, or None."""
 
     kind: int

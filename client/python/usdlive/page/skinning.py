@@ -23,7 +23,6 @@ class Skins:
     def __init__(self) -> None:
         self._cache = UsdSkel.Cache()
         self._populated: set[str] = set()
-        self._roots: dict[str, bool] = {}
 
     def forget(self) -> None:
         self._cache.Clear()

@@ -45,7 +45,7 @@ class Textures:
         try:
             with Ar.ResolverContextBinder(context):
                 found = self._read(path)
-        except Exception as failed:  # of the resolver or the network
+        except Exception as failed:  # the resolver or the network has failed
             found = Texture("", f"the texture {path} cannot be read: {failed}")
         self._found[path] = found
         self._done(path)

@@ -8,7 +8,7 @@ import typing
 import usdlive
 from pxr import Gf, Sdf
 
-MOST_ITEMS = 256  # of an array; more are not sent
+MOST_ITEMS = 256  # the most of an array; longer ones are not sent
 MOST_TEXT = 2000
 _INTEGERS = {"uchar": (0, 255), "int": (-2 ** 31, 2 ** 31 - 1), "uint": (0, 2 ** 32 - 1), "int64": (-2 ** 63, 2 ** 63 - 1),
              "uint64": (0, 2 ** 64 - 1)}
