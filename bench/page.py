@@ -49,6 +49,7 @@ def move(url: str, moving: int, seconds: float) -> None:
     with usdlive.connect(url, user="mover") as live:
         layer = live.open_layer("shot.usda")
         specs = [layer.GetAttributeAtPath(f"/World/c{n}.xformOp:translate") for n in range(moving)]
+        print("ready", flush=True)
         sent, begin = [], time.monotonic()
         while time.monotonic() < begin + seconds:
             step = len(sent) + 1
@@ -104,7 +105,8 @@ def measure(gateway: Gateway, url: str, arguments: argparse.Namespace, viewers: 
     seconds = arguments.seconds
     mover = subprocess.Popen([sys.executable, __file__, "--move", url, str(arguments.moving), str(seconds + 2)], stdout=subprocess.PIPE,
                              text=True)
-    time.sleep(2)  # it connects and begins
+    mover.stdout.readline()  # it has opened the layer
+    time.sleep(1)
     before, begin = cpu(gateway.process.pid), time.monotonic()
     seen, received, frames = asyncio.run(watched(f"ws://127.0.0.1:{gateway.port}/live", viewers, seconds - 1, first))
     spent = time.monotonic() - begin

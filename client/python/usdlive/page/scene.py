@@ -11,7 +11,7 @@ import time
 import typing
 
 import numpy
-from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdShade
+from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdShade, Vt
 
 from . import facts, geometry, materials, skinning, wire
 from .blobs import Blobs
@@ -774,7 +774,7 @@ class Scene:
         return True
 
     def _moved(self, nodes: list[Node], matrices: list[Gf.Matrix4d], added: dict[int, Node]) -> wire.Section:
-        numbers = wire.rows(matrices)
+        numbers = wire.rows(Vt.Matrix4dArray(matrices))  # ten times as fast as from a list
         finite = numpy.isfinite(numbers).all(axis=1)
         kept: list[int] = []
         for place, (node, row) in enumerate(zip(nodes, numbers.tolist())):
