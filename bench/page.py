@@ -1,4 +1,4 @@
-"""What the gateway of the page costs, and how late a page sees an edit.
+"""Measures what the gateway of the page costs, and how late a page sees an edit.
 
     ./run bench page [--prims 10000] [--moving 200] [--seconds 10] [--viewers 1 50]
 

@@ -1,18 +1,21 @@
-"""Who the gateway of the page answers, and how it lives through failures."""
+"""Tests who the gateway of the page answers, and how it lives through failures."""
 
+import contextlib
 import json
 import os
+import pathlib
 import re
 import signal
 import socket
+import ssl
 import subprocess
 import threading
-import time
+import types
 import urllib.request
 
 import pytest
-from conftest import cat, connect, run
-from page_client import Gateway, Page
+from conftest import cat, connect, run, unused_port, wait
+from page_client import Page
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect as websocket
 
@@ -294,3 +297,65 @@ def test_tokens_are_in_no_log_and_in_no_answer(guarded, page):
     eddy.ask("select", paths=["/World"])
     vera.wait(lambda one: moved_to(one, 1))
     assert secret not in json.dumps(vera.all) + json.dumps(eddy.all) + shared.log.read_text()
+
+
+# -- usdlive serve --page
+
+
+def test_the_server_starts_the_page_and_ends_it(root, serve, tmp_path):
+    port = unused_port()
+    server = serve(root, "--page", "--page-port", str(port))
+    page = types.SimpleNamespace(port=port, address=f"http://127.0.0.1:{port}")
+
+    def health() -> dict | None:
+        with contextlib.suppress(OSError, ValueError):
+            return json.loads(urllib.request.urlopen(f"{page.address}/health", timeout=5).read())
+
+    wait(lambda: health() == {"live": True, "revision": 1}, timeout=40)
+    Page(page).opened().close()
+    with urllib.request.urlopen(f"http://127.0.0.1:{server.port}/") as welcome:
+        assert f"Browser:  {page.address}/" in welcome.read().decode()
+    gateway = children_of(server.process.pid)
+    assert len(gateway) == 1
+    os.kill(gateway[0], signal.SIGKILL)  # it is started again
+    wait(lambda: children_of(server.process.pid) not in ([], gateway) and health() is not None, timeout=40)
+    again = children_of(server.process.pid)
+    assert server.stop() == 0
+    wait(lambda: not is_alive(again[0]), timeout=20)
+    server.start()
+    wait(lambda: health() is not None, timeout=40)
+    last = children_of(server.process.pid)
+    server.kill()
+    wait(lambda: not is_alive(last[0]), timeout=20)
+
+
+def test_the_server_says_how_to_get_the_page(root, serve):
+    server = serve(root)
+    with urllib.request.urlopen(f"http://127.0.0.1:{server.port}/") as welcome:
+        assert "usdlive serve DIR --page" in welcome.read().decode()
+    several = subprocess.run([os.environ["USDLIVE_BIN"], "serve", "--projects", str(root), "--page"], capture_output=True, text=True)
+    assert several.returncode == 2 and "usdlive page ws://HOST:PORT/PROJECT" in several.stderr
+
+
+def children_of(process: int) -> list[int]:
+    return [int(one) for one in pathlib.Path(f"/proc/{process}/task/{process}/children").read_text().split()]
+
+
+def is_alive(process: int) -> bool:
+    with contextlib.suppress(OSError):
+        return pathlib.Path(f"/proc/{process}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    return False
+
+
+def test_encrypted_servers_and_pages(root, serve, gateway, tmp_path):
+    server = serve(root, "--tls", "auto")
+    own = root / ".usdlive" / "tls"
+    first = gateway(server)  # remembers the certificate
+    Page(first).opened().close()
+    second = gateway(server, "--ca", str(own / "certificate.pem"), "--tls", str(own / "certificate.pem"), str(own / "key.pem"))
+    trusting = ssl.create_default_context(cafile=own / "certificate.pem")
+    with urllib.request.urlopen(f"https://127.0.0.1:{second.port}/health", context=trusting) as answer:
+        assert json.loads(answer.read())["live"]
+    with websocket(f"wss://127.0.0.1:{second.port}/live", ssl=trusting, origin=f"https://127.0.0.1:{second.port}") as line:
+        line.send('{"type": "hello"}')
+        assert json.loads(line.recv(timeout=20))["type"] == "welcome"

@@ -281,8 +281,8 @@ HttpReply HttpRoutes::welcome(const Reports& reports) const {
     return {"text/plain; charset=utf-8",
             page + "\nConnect\n  shell:    usdlive ls " + url + "\n  Python:   usdlive.connect(\"" +
                 url + "\", user=\"ada\")\n  OpenUSD:  Usd.Stage.Open(\"usdlive" +
-                url.substr(url.find(':')) + "/LAYER.usda\"), to read\n" +
-                "\nOther pages\n  /projects  /files  /healthz  /metrics\n"};
+                url.substr(url.find(':')) + "/LAYER.usda\"), to read\n" + "  Browser:  " +
+                pageHint_ + "\nOther pages\n  /projects  /files  /healthz  /metrics\n"};
 }
 
 HttpReply HttpRoutes::health(const Reports& reports) const {

@@ -53,6 +53,11 @@ void addNetworkOptions(CLI::App& app, ServerOptions& options) {
                    "Write the port to this file when the server listens")
         ->type_name("FILE")
         ->group(group);
+    app.add_flag("--page", options.page, "Also show the project in browsers: starts `usdlive page`")
+        ->group(group);
+    app.add_option("--page-port", options.pagePort, "Port of the page; 0 takes a free one")
+        ->type_name(kNumber)
+        ->group(group);
     app.add_flag("--insecure", options.insecure,
                  "Let other machines connect although nobody has to sign\n"
                  "in, or nothing is encrypted")
@@ -406,6 +411,9 @@ std::variant<ServerOptions, int> parseOptions(int argc, const char* const* argv)
     options.issuer = std::move(*settings);
     if (options.folders.empty() && options.projectsFolder.empty())
         return wrong("name the folder to serve, or --projects FOLDER");
+    if (options.page && (options.folders.size() > 1 || !options.projectsFolder.empty()))
+        return wrong(
+            "--page shows one project. For one of several run usdlive page ws://HOST:PORT/PROJECT");
     return options;
 }
 

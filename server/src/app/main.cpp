@@ -23,6 +23,7 @@
 #include "usdlive/server/app/BackupCommand.h"
 #include "usdlive/server/app/HttpRoutes.h"
 #include "usdlive/server/app/Options.h"
+#include "usdlive/server/app/PageProcess.h"
 #include "usdlive/server/app/Projects.h"
 #include "usdlive/server/app/RunningServer.h"
 #include "usdlive/server/app/SpdLog.h"
@@ -116,6 +117,17 @@ std::string describe(const ServedProject::Status& status) {
     return text;
 }
 
+/// Says where the page is, for somebody who opens the server's address in a browser.
+std::string pageHint(const ServerOptions& options) {
+    if (!options.page)
+        return "the live stage in a browser: usdlive serve DIR --page, or usdlive page URL\n";
+    if (options.pagePort == 0) return "the address is in the output of the server\n";
+    const std::string host =
+        options.host.find(':') == std::string::npos ? options.host : "[" + options.host + "]";
+    return (options.tls.empty() ? "http://" : "https://") + host + ":" +
+           std::to_string(options.pagePort) + "/\n";
+}
+
 std::string joined(const std::vector<std::string>& texts) {
     std::string all;
     for (const std::string& text : texts) all += (all.empty() ? "" : ", ") + text;
@@ -162,7 +174,7 @@ public:
               },
               *log_),
           access_(io_, accountsFolder(options), options.issuer, workers_, audit_, *log_),
-          routes_(io_, projects_, access_),
+          routes_(io_, projects_, access_, pageHint(options)),
           signals_(io_, SIGINT, SIGTERM),
           hangups_(io_) {}
 
@@ -198,6 +210,7 @@ private:
     void stop() {
         if (std::exchange(isStopping_, true)) return;
         ::alarm(kStopSeconds);
+        page_.stop();
         if (http_) http_->stop();
         access_.stop();
         projects_.stop([this] { io_.stop(); });
@@ -286,6 +299,7 @@ private:
             if (const auto written = writePortFile(options_.portFile, http_->port()); !written)
                 return fail(written.error());
         announce(options_, projects_, urls());
+        if (options_.page) page_.start(options_, http_->port());
         if (!tls_) return;
         if (!tls_->fingerprint().empty())
             std::cout << "fingerprint " << tls_->fingerprint() << std::endl;
@@ -323,6 +337,7 @@ private:
     HttpRoutes routes_;
     std::unique_ptr<ServerTls> tls_;  // nullptr: not encrypted
     std::unique_ptr<HttpServer> http_;
+    PageProcess page_{io_, *log_};
     asio::signal_set signals_, hangups_;
     asio::steady_timer warningTimer_{io_};
     int code_ = 0;

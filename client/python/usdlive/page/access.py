@@ -153,11 +153,13 @@ class Server:
         return connection
 
     def _pin(self) -> str:
-        """The fingerprint of the certificate that this user's programs know; empty without one."""
+        """The fingerprint of the certificate that this user's programs know; empty without one, and if an authority has signed
+        it."""
         folder = pathlib.Path(os.environ.get("XDG_CONFIG_HOME") or pathlib.Path.home() / ".config")
         try:
             servers = json.loads((folder / "usdlive" / "servers.json").read_text())["servers"]
-            return str(servers.get(f"{self.host}:{self.port}", {}).get("pin", "")).removeprefix("sha256:").lower()
+            pin = str(servers.get(f"{self.host}:{self.port}", {}).get("pin", ""))
+            return pin.removeprefix("sha256:").lower() if pin.startswith("sha256:") else ""
         except (OSError, ValueError, KeyError, AttributeError):
             return ""
 

@@ -132,7 +132,7 @@ class Editor(Owner):
         if self._drag is None:
             self._drag = contextlib.ExitStack()
             self._drag.enter_context(self.live.undo_group(label))
-            self._drag.callback(self.live.tick)  # what is written belongs to the group when it is ticked
+            self._drag.callback(self.live.tick)  # the edits belong to the group when they are ticked
             if not commit:
                 self._drag.enter_context(self.live.gesture())
                 self._drag.callback(self.live.tick)

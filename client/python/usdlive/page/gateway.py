@@ -60,6 +60,8 @@ class Gateway:
     async def start(self) -> None:
         """Connects and opens the stage. Raises a usdlive.Error."""
         self._loop = asyncio.get_running_loop()
+        if self.server.secure:
+            await self.in_worker(self._meet)
         await self.in_worker(self.server.find_out)
         if not self._stage:
             self._stage = await self.in_worker(self._choose_stage)
@@ -95,6 +97,10 @@ class Gateway:
 
     def connect(self) -> usdlive.Live:
         return usdlive.connect(self.url, user=self._user, application=APPLICATION)
+
+    def _meet(self) -> None:
+        """Connects once, so that this user's programs know the certificate, or refuse it, before tokens are sent."""
+        self.connect().close(timeout=0)
 
     def _choose_stage(self) -> str:
         """A layer near the top of the project whose name says that it is the stage."""

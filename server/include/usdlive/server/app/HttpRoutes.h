@@ -21,9 +21,10 @@ namespace usdlive::server {
 /// which they have a role. Belongs to the thread that runs `io`.
 class HttpRoutes {
 public:
-    /// The other objects must outlive this one.
-    HttpRoutes(boost::asio::io_context& io, const Projects& projects, AccessControl& access)
-        : io_(io), projects_(projects), access_(access) {}
+    /// The other objects must outlive this one. `pageHint`: a line that says where the page is.
+    HttpRoutes(boost::asio::io_context& io, const Projects& projects, AccessControl& access,
+               std::string pageHint)
+        : io_(io), projects_(projects), access_(access), pageHint_(std::move(pageHint)) {}
 
     /// Sets the URL of the process, and the server whose counters `/metrics` shows.
     void announce(std::string url, const HttpServer& http) {
@@ -66,6 +67,7 @@ private:
     boost::asio::io_context& io_;
     const Projects& projects_;
     AccessControl& access_;
+    const std::string pageHint_;
     std::string url_;  // empty before announce()
     const HttpServer* http_ = nullptr;
 };

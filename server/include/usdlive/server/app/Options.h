@@ -25,6 +25,8 @@ struct ServerOptions {
     std::string host = "127.0.0.1";
     std::uint16_t port = 7447;
     std::filesystem::path portFile;
+    bool page = false;              ///< starts the gateway of the page beside the server
+    std::uint16_t pagePort = 7448;  ///< 0: any
     std::vector<std::string> allowedHosts, allowedOrigins;
     /// The files of a certificate and its key, or kOwnCertificate; empty: not encrypted.
     std::vector<std::string> tls;
