@@ -5,7 +5,7 @@ import math
 import numpy
 import pytest
 from page_geometry_test import compare
-from pxr import Gf, Usd, UsdGeom, UsdSkel
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel
 
 HEAD = '#usda 1.0\n(\n    upAxis = "Z"\n    metersPerUnit = 1\n    startTimeCode = 1\n    endTimeCode = 10\n)\n\n'
 TRIANGLE = """
@@ -380,7 +380,9 @@ def SkelRoot "Root"
 
 def baked(project, time: float) -> numpy.ndarray:
     """The points in the world as UsdSkel bakes them."""
-    stage = Usd.Stage.Open(str(project / "root.usda"))
+    layer = Sdf.Layer.CreateAnonymous(".usda")  # baking writes into it
+    layer.ImportFromString((project / "root.usda").read_text())
+    stage = Usd.Stage.Open(layer)
     UsdSkel.BakeSkinning(stage.Traverse(), Gf.Interval(time, time))
     prim = stage.GetPrimAtPath("/Root/Arm")
     world = UsdGeom.XformCache(Usd.TimeCode(time)).GetLocalToWorldTransform(prim)
