@@ -67,6 +67,11 @@ def test_wrong_words_are_errors(root, serve, words, message):
     assert len(ran.stderr.splitlines()) == 1 and ran.stderr.startswith("usdlive: ")
 
 
+def test_an_unknown_option_is_an_error():
+    ran = subprocess.run([os.environ["USDLIVE_BIN"], "page", "--colour"], capture_output=True, text=True, timeout=60)
+    assert ran.returncode == 2 and re.fullmatch("usdlive: .*--colour.*`usdlive help page` explains the usage\n", ran.stderr)
+
+
 def test_a_page_of_another_site_and_another_host_get_nothing(root, serve, gateway):
     one = gateway(serve(root))
     for headers in ({"Host": "evil.example"}, {"Host": "evil.example:1"}):

@@ -12,14 +12,26 @@ import pathlib
 import signal
 import socket
 import sys
+import typing
 import webbrowser
 
 _EPILOG = """URL is ws://HOST:PORT, wss://HOST:PORT (encrypted) or HOST:PORT; the default is USDLIVE_URL, or
 ws://127.0.0.1:7447. For a server with several projects use ws://HOST:PORT/PROJECT."""
 
 
+class _Parser(argparse.ArgumentParser):
+    """Prints help and errors as the other verbs do."""
+
+    def format_help(self) -> str:
+        return super().format_help().replace("usage: ", "Usage: ", 1)
+
+    def error(self, message: str) -> typing.NoReturn:
+        print(f"usdlive: {message}. `usdlive help page` explains the usage", file=sys.stderr)
+        sys.exit(2)
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser("usdlive page", add_help=False, description="Show a project in browsers: the live stage, its people and its history",
+    parser = _Parser("usdlive page", usage="usdlive page [OPTIONS] [URL]", add_help=False, description="Show a project in browsers: the live stage, its people and its history",
                                      epilog=_EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False)
     parser.add_argument("-h", "--help", action="store_true", help="print this help")
     parser.add_argument("url", metavar="URL", nargs="?", help="the server")
