@@ -59,7 +59,7 @@ int completion(const CLI::App& app, int argc, char** argv) {
 
 /// Returns whether another program runs the verb: `usdlive-server`, or Python for `page`.
 bool isOfOther(std::string_view verb) {
-    static constexpr std::array kVerbs{"serve", "user",  "access", "grant", "deny",
+    static constexpr std::array kVerbs{"serve",  "user",  "access", "grant", "deny",
                                        "revoke", "audit", "backup", "page"};
     return std::ranges::find(kVerbs, verb) != kVerbs.end();
 }
