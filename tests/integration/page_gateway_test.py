@@ -274,6 +274,7 @@ def test_a_token_says_who_somebody_is_and_the_server_what_they_may(guarded, page
     vera, eddy = page(shared, {"token": tokens["vera"], "name": "adam"}), page(shared, {"token": tokens["eddy"]})
     assert vera.messages["welcome"]["you"] | {"id": ""} == {"id": "", "user": "vera", "role": "viewer", "mayEdit": False,
                                                             "mayAdminister": False}
+    assert eddy.messages["welcome"]["project"] == "project"
     assert eddy.messages["welcome"]["you"]["user"] == "eddy" and eddy.messages["welcome"]["you"]["mayEdit"]
     for request, fields in (("transform", moving(1)), ("set", {"path": "/World/Box", "name": "size", "value": 1}), ("undo", {}),
                             ("activate", {"path": "/World", "active": False}), ("lock", {"layer": "root.usda", "locked": True}),

@@ -67,9 +67,13 @@ class Server:
         try:
             status, body = self.get("/projects", _UNKNOWN_TOKEN)
             self.asks_to_sign_in = status == 401
-            projects = json.loads(body)["projects"] if status == 200 else []
+            if status == 200:
+                self._learn_project(body)
         except (OSError, http.client.HTTPException, ValueError, KeyError) as failed:
             raise usdlive.Error("notConnected", f"cannot reach {self.url}: {failed}. Is `usdlive serve` running there?") from None
+
+    def _learn_project(self, body: bytes) -> None:
+        projects = json.loads(body)["projects"]
         if not self.project and len(projects) == 1:
             self.project = projects[0]["name"]
 
@@ -95,6 +99,10 @@ class Server:
                 raise Refused("the server does not know this token")
             if status == 200:
                 name = json.loads(body)["user"]
+            if not self.project:
+                status, body = self.get("/projects", token)
+                if status == 200:
+                    self._learn_project(body)
             live = usdlive.connect(self.url, user=name, application="page", token=token, timeout=_SECONDS)
         except usdlive.Error as refused:
             raise Refused(refused.message) from None
