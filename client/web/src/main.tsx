@@ -1,4 +1,4 @@
 // Starts the page.
 import { render } from "preact";
 
-render(<p>hello</p>, document.getElementById("page") as HTMLElement);
+render(<p>usdlive</p>, document.getElementById("page") as HTMLElement);
