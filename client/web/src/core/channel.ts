@@ -1,7 +1,6 @@
 // Keeps a WebSocket to the gateway, and connects again after longer and longer pauses.
 
 export interface Socket {
-  binaryType: string;
   onopen: (() => void) | null;
   onmessage: ((event: { data: unknown }) => void) | null;
   onclose: ((event: { code: number; reason: string }) => void) | null;
@@ -19,8 +18,8 @@ export interface ChannelHandler {
 
 const FIRST_PAUSE_MS = 250;
 const LONGEST_PAUSE_MS = 5_000;
-/** The gateway closes with 1008 for what another attempt does not change, such as a token that is wrong. */
-const POLICY_VIOLATION = 1008;
+/** The gateway closes with these for what another attempt does not change: a bad message, or a token that is wrong. */
+const FINAL_CODES = new Set([1008, 4400, 4401]);
 
 /** Returns the pause before attempt number `attempt` (0, 1, ...). `random` is in [0, 1). */
 export function pauseMs(attempt: number, random: number): number {
@@ -45,7 +44,6 @@ export class Channel {
     clearTimeout(this.timer);
     const socket = this.create();
     this.socket = socket;
-    socket.binaryType = "arraybuffer";
     socket.onopen = () => {
       if (socket !== this.socket) return;
       this.isOpen = true;
@@ -80,7 +78,7 @@ export class Channel {
   private lost(code: number, reason: string): void {
     this.socket = undefined;
     this.isOpen = false;
-    if (code === POLICY_VIOLATION) {
+    if (FINAL_CODES.has(code)) {
       this.handler.closed(reason || "the gateway refused this page", undefined);
       return;
     }

@@ -26,6 +26,7 @@ export interface LightShape {
   radius?: number;
   width?: number;
   height?: number;
+  length?: number;
   angle?: number;
   texture?: string;
 }
@@ -85,6 +86,7 @@ export interface Material {
   emissive?: Vec3;
   ior?: number;
   opacityThreshold?: number;
+  problem?: string;
   textures?: Partial<Record<TextureRole, TextureUse>>;
 }
 
@@ -173,7 +175,8 @@ export type GatewayMessage =
   | ChangedMessage
   | StateMessage
   | RefusedMessage
-  | ReplyMessage;
+  | ReplyMessage
+  | { type: "signIn"; message: string };
 
 export interface TreeEntry {
   path: string;

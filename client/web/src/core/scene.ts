@@ -71,13 +71,16 @@ export class SceneStore {
     for (const item of added) this.updateSubtree(item.id);
   }
 
-  /** Items that are not there are ignored: they were removed while the batch was on its way. */
-  applyBatch(batch: Batch): void {
+  /**
+   * Items that are not there are ignored: they were removed while the batch was on its way. The item `dragged` keeps its
+   * matrix, which is newer than that of the batch.
+   */
+  applyBatch(batch: Batch, dragged?: PrimId): void {
     const moved = new Set<PrimId>();
     for (const { ids, values } of batch.matrices) {
       for (let index = 0; index < ids.length; index++) {
         const place = this.places.get(ids[index] as number);
-        if (place === undefined) continue;
+        if (place === undefined || ids[index] === dragged) continue;
         this.setLocal(place, values, MATRIX_SIZE * index);
         moved.add(ids[index] as number);
       }

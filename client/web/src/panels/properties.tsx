@@ -1,0 +1,318 @@
+// The properties of the selected prim: values to edit, every opinion with its author, metadata, variants, relationships.
+import { useSignal, useSignalEffect } from "@preact/signals";
+import type { JSX } from "preact";
+import { useEffect } from "preact/hooks";
+import { ago, lastOf, widgetFor } from "../core/format";
+import type { Json, Opinion, PrimProperties, Property } from "../core/protocol";
+import { textOf } from "../state/session";
+import { usePage } from "./context";
+import { Icon } from "./icons";
+import { Refusal } from "./overview";
+import { ValueEditor } from "./widgets";
+
+const RELOAD_PAUSE_MS = 100;
+
+export function PropertiesPanel(): JSX.Element {
+  const page = usePage();
+  const { session } = page;
+  const path = session.selection.value.at(-1);
+  const loaded = useSignal<PrimProperties | undefined>(undefined);
+  const problem = useSignal("");
+  const wish = useSignal(0);
+  const filter = useSignal("");
+
+  // What changed in the stage may be a property that is shown.
+  useSignalEffect(() => {
+    const changed = session.changed.value;
+    const shown = session.selection.value.at(-1);
+    if (!changed || shown === undefined) return;
+    if (
+      changed.all ||
+      changed.paths.some((one) => one === shown || one.startsWith(`${shown}.`) || shown.startsWith(`${one}/`))
+    )
+      wish.value = wish.peek() + 1;
+  });
+  const time = session.state.value?.time ?? null;
+  const past = session.state.value?.past ?? null;
+  const resets = session.resets.value;
+  useEffect(() => {
+    if (path === undefined) return undefined;
+    let isOld = false;
+    const timer = setTimeout(
+      async () => {
+        try {
+          const answer = await session.ask("properties", { path, ...(time === null ? {} : { time }) });
+          if (isOld) return;
+          loaded.value = answer as unknown as PrimProperties;
+          problem.value = "";
+        } catch (error) {
+          if (!isOld) problem.value = textOf(error);
+        }
+      },
+      loaded.value?.path === path ? RELOAD_PAUSE_MS : 0,
+    );
+    return () => {
+      isOld = true;
+      clearTimeout(timer);
+    };
+  }, [path, time, past, resets, wish.value]);
+
+  if (path === undefined)
+    return <p class="empty">Select a prim in the picture or in the tree to see its properties.</p>;
+  const prim = loaded.value?.path === path ? loaded.value : undefined;
+  if (!prim) return <p class={`empty${problem.value ? " bad" : ""}`}>{problem.value || "Loading …"}</p>;
+  const text = filter.value.trim().toLowerCase();
+  const shown = prim.properties.filter(({ name }) => name.toLowerCase().includes(text));
+  const trouble = page.viewport.value?.problemOf(path);
+  return (
+    <div class="properties">
+      <header class="prim-head">
+        <div class="prim-title">
+          <strong>{lastOf(prim.path)}</strong> <span class="weak">{prim.type || "no type"}</span>
+        </div>
+        <div class="path weak" title={prim.path}>
+          {prim.path}
+        </div>
+        {trouble && (
+          <p class="problem">
+            <Icon name="warning" /> {trouble}
+          </p>
+        )}
+        {problem.value && <p class="problem">{problem.value}</p>}
+        <Refusal path={prim.path} />
+        <PrimActions prim={prim} />
+        {prim.documentation && <p class="documentation">{prim.documentation}</p>}
+      </header>
+      {prim.variants.length > 0 && <Variants prim={prim} />}
+      <div class="search">
+        <Icon name="search" />
+        <input
+          type="search"
+          placeholder="Filter properties"
+          aria-label="Filter properties"
+          value={filter.value}
+          onInput={(event) => {
+            filter.value = event.currentTarget.value;
+          }}
+        />
+      </div>
+      <Group name="Authored" properties={shown.filter(({ authored }) => authored)} path={path} />
+      <Group name="Fallback" properties={shown.filter(({ authored }) => !authored)} path={path} />
+      <Metadata metadata={prim.metadata} />
+    </div>
+  );
+}
+
+function PrimActions({ prim }: { prim: PrimProperties }): JSX.Element {
+  const page = usePage();
+  const { session } = page;
+  const visibility = prim.properties.find(({ name }) => name === "visibility");
+  const isInvisible = visibility?.value === "invisible" || visibility?.valueText === "invisible";
+  return (
+    <div class="actions">
+      {visibility && (
+        <button
+          type="button"
+          class="small"
+          disabled={!session.mayEdit}
+          aria-pressed={isInvisible}
+          onClick={() => void session.edit("visibility", { path: prim.path, visible: isInvisible }, prim.path)}
+        >
+          <Icon name={isInvisible ? "hidden" : "eye"} /> {isInvisible ? "Show" : "Hide"}
+        </button>
+      )}
+      <button type="button" class="small" onClick={() => page.viewport.value?.frameOn([prim.path])}>
+        <Icon name="frame" /> Frame
+      </button>
+      {prim.type === "Camera" && (
+        <button type="button" class="small" onClick={() => page.lookThrough(prim.path)}>
+          <Icon name="camera" /> Look through
+        </button>
+      )}
+    </div>
+  );
+}
+
+function Variants({ prim }: { prim: PrimProperties }): JSX.Element {
+  const { session } = usePage();
+  return (
+    <section class="group" aria-label="Variants">
+      <h3>Variants</h3>
+      {prim.variants.map(({ set, selection, choices }) => (
+        <div class="property" key={set}>
+          <label class="property-head">
+            <span class="property-name">{set}</span>
+            <select
+              value={selection}
+              disabled={!session.mayEdit}
+              onChange={(event) =>
+                void session.edit(
+                  "variant",
+                  { path: prim.path, set, choice: event.currentTarget.value },
+                  `${prim.path}{${set}}`,
+                )
+              }
+            >
+              {!choices.includes(selection) && <option value={selection}>{selection || "none"}</option>}
+              {choices.map((choice) => (
+                <option key={choice} value={choice}>
+                  {choice}
+                </option>
+              ))}
+            </select>
+          </label>
+          <Refusal path={`${prim.path}{${set}}`} />
+        </div>
+      ))}
+    </section>
+  );
+}
+
+function Group({ name, properties, path }: { name: string; properties: Property[]; path: string }): JSX.Element | null {
+  if (properties.length === 0) return null;
+  return (
+    <section class="group" aria-label={`${name} properties`}>
+      <h3>
+        {name} <span class="count">{properties.length}</span>
+      </h3>
+      {properties.map((property) => (
+        <PropertyRow key={property.name} property={property} path={path} />
+      ))}
+    </section>
+  );
+}
+
+function PropertyRow({ property, path }: { property: Property; path: string }): JSX.Element {
+  const { session } = usePage();
+  const isOpen = useSignal(false);
+  const place = `${path}.${property.name}`;
+  const { widget } = widgetFor(property.type, property.allowed);
+  return (
+    <div class={`property${property.authored ? "" : " fallback"}`} data-property={property.name}>
+      <div class="property-head">
+        <button
+          type="button"
+          class="property-name"
+          aria-expanded={isOpen.value}
+          title={`${property.name} (${property.type})`}
+          onClick={() => {
+            isOpen.value = !isOpen.value;
+          }}
+        >
+          <span class={`twist${isOpen.value ? " open" : ""}`}>
+            <Icon name="chevron" />
+          </span>
+          {property.name}
+        </button>
+        <div class="property-value">
+          {property.relationship ? (
+            <Paths paths={property.targets} />
+          ) : property.connections.length > 0 ? (
+            <Paths paths={property.connections} />
+          ) : session.mayEdit && widget !== "none" ? (
+            <ValueEditor property={property} path={path} place={place} />
+          ) : (
+            <span class="value-text" title={property.valueText}>
+              {property.valueText || "no value"}
+            </span>
+          )}
+          {property.animated && (
+            <span class="badge" title={`${property.samples} time samples`}>
+              anim
+            </span>
+          )}
+        </div>
+      </div>
+      <Refusal path={place} />
+      {isOpen.value && <Details property={property} path={path} />}
+    </div>
+  );
+}
+
+function Paths({ paths }: { paths: string[] }): JSX.Element {
+  const page = usePage();
+  if (paths.length === 0) return <span class="weak">no target</span>;
+  return (
+    <span class="paths">
+      {paths.map((path) => (
+        <button
+          type="button"
+          key={path}
+          class="link path"
+          title={path}
+          onClick={() => page.select(path.split(".")[0], false)}
+        >
+          {lastOf(path)}
+        </button>
+      ))}
+    </span>
+  );
+}
+
+/** What there is to know of one property: every opinion in the layer stack, the strongest first. */
+function Details({ property, path }: { property: Property; path: string }): JSX.Element {
+  const { session } = usePage();
+  const opinions = useSignal<Opinion[]>(property.opinions);
+  useEffect(() => {
+    let isOld = false;
+    opinions.value = property.opinions;
+    session
+      .ask("opinions", { path, name: property.name })
+      .then((answer) => {
+        const found = (answer as unknown as { opinions?: Opinion[] } | null)?.opinions;
+        if (!isOld && found) opinions.value = found;
+      })
+      // The opinions are shown without their authors then.
+      .catch(() => undefined);
+    return () => {
+      isOld = true;
+    };
+  }, [property, path]);
+  return (
+    <div class="details">
+      <div class="weak">
+        {property.type}
+        {property.animated && ` · ${property.samples} time samples`}
+      </div>
+      {property.documentation && <p class="documentation">{property.documentation}</p>}
+      {opinions.value.length === 0 && <p class="weak">No layer has an opinion; this is the fallback of the schema.</p>}
+      {opinions.value.length > 0 && (
+        <ol class="opinions">
+          {opinions.value.map((opinion, index) => (
+            <li key={`${opinion.layer} ${opinion.path}`} class={index === 0 ? "opinion strongest" : "opinion"}>
+              <div class="opinion-head">
+                <span class="opinion-layer" title={`${opinion.layer} ${opinion.path}`}>
+                  {lastOf(opinion.layer)}
+                </span>
+                <span class="weak">
+                  {[opinion.author, ago(opinion.at), opinion.revision ? `#${opinion.revision}` : ""]
+                    .filter(Boolean)
+                    .join(" · ")}
+                </span>
+              </div>
+              <code>{opinion.valueText}</code>
+            </li>
+          ))}
+        </ol>
+      )}
+    </div>
+  );
+}
+
+function Metadata({ metadata }: { metadata: { [key: string]: Json } }): JSX.Element | null {
+  const entries = Object.entries(metadata);
+  if (entries.length === 0) return null;
+  return (
+    <section class="group" aria-label="Metadata">
+      <h3>Metadata</h3>
+      <dl class="facts">
+        {entries.map(([key, value]) => [
+          <dt key={`${key} name`}>{key}</dt>,
+          <dd key={key} class="value-text">
+            {typeof value === "string" ? value : JSON.stringify(value)}
+          </dd>,
+        ])}
+      </dl>
+    </section>
+  );
+}
