@@ -25,14 +25,14 @@ export function short(value: number): string {
   return String(Number(value.toPrecision(6)));
 }
 
-const clampByte = (value: number) => Math.round(Math.min(1, Math.max(0, value)) * 255);
+const clampByte = (value: number) => Math.round(Math.min(1, Math.max(0, value || 0)) * 255);
 
 /** Linear color of USD to the "#rrggbb" of a browser, which is sRGB. */
 export function hexOfLinear(color: readonly number[]): string {
   const encode = (value: number) => (value <= 0.0031308 ? 12.92 * value : 1.055 * value ** (1 / 2.4) - 0.055);
   return `#${[0, 1, 2]
     .map((index) =>
-      clampByte(encode(Math.max(0, color[index] ?? 0)))
+      clampByte(encode(Math.max(0, color[index] || 0)))
         .toString(16)
         .padStart(2, "0"),
     )

@@ -206,7 +206,6 @@ function TreeRow({ row, top }: { row: Row; top: number }): JSX.Element {
       aria-setsize={row.siblings}
       aria-expanded={entry.children > 0 ? row.isExpanded : undefined}
       aria-selected={selected}
-      aria-label={`${entry.name}, ${entry.type || "no type"}`}
       data-path={entry.path}
       style={{ top: `${top}px`, paddingLeft: `${4 + 14 * row.depth}px` }}
       tabIndex={-1}

@@ -1,0 +1,342 @@
+"""The page in a real browser, with a real gateway, server and editors."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import pathlib
+
+import pytest
+from conftest import Peer
+from page_client import Gateway
+from page_screen import CHROMIUM, SOFTWARE, VIEWPORT, Screen
+from playwright.sync_api import sync_playwright
+
+# A browser is started once.
+pytestmark = pytest.mark.xdist_group("browser")
+
+LAYOUT = """#usda 1.0
+(
+    defaultPrim = "World"
+    upAxis = "Z"
+    metersPerUnit = 1
+)
+
+def Xform "World"
+{
+    def Cube "Floor"
+    {
+        color3f[] primvars:displayColor = [(0.3, 0.32, 0.35)]
+        double3 xformOp:scale = (6, 6, 0.1)
+        uniform token[] xformOpOrder = ["xformOp:scale"]
+    }
+
+    def Cube "Box"
+    {
+        double size = 1.8
+        color3f[] primvars:displayColor = [(0.8, 0.05, 0.04)]
+        double3 xformOp:translate = (-3, 0, 1)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }
+
+    def Sphere "Ball"
+    {
+        double radius = 1
+        color3f[] primvars:displayColor = [(0.03, 0.15, 0.8)]
+        double3 xformOp:translate = (0.5, -1, 1.1)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }
+
+    def Cone "Cone"
+    {
+        color3f[] primvars:displayColor = [(0.04, 0.5, 0.08)]
+        double3 xformOp:translate = (1, 3.5, 1.1)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }
+
+    def Camera "Shot"
+    {
+        float focalLength = 35
+        double3 xformOp:translate = (0, -16, 4)
+        float3 xformOp:rotateXYZ = (78, 0, 0)
+        uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateXYZ"]
+    }
+}
+"""
+ROOT = """#usda 1.0
+(
+    defaultPrim = "World"
+    upAxis = "Z"
+    metersPerUnit = 1
+    startTimeCode = 1
+    endTimeCode = 48
+    subLayers = [@anim.usda@, @layout.usda@]
+)
+"""
+ANIM = """#usda 1.0
+
+over "World"
+{
+    over "Ball"
+    {
+        double radius = 1.25
+    }
+}
+"""
+
+
+@pytest.fixture(scope="module")
+def tools():
+    with sync_playwright() as made:
+        yield made
+
+
+@pytest.fixture(scope="module")
+def browser(tools):
+    made = tools.chromium.launch(executable_path=CHROMIUM, args=SOFTWARE)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def gateways(tmp_path):
+    """gateways(server) starts a gateway that is stopped after the test."""
+    made: list[Gateway] = []
+
+    def start(server, *options: str) -> Gateway:
+        folder = tmp_path / f"gateway{len(made)}"
+        folder.mkdir()
+        made.append(Gateway(server.url, folder, *options).start())
+        return made[-1]
+
+    yield start
+    for one in made:
+        if one.process.poll() is None:
+            one.stop()
+
+
+@pytest.fixture
+def screens(browser):
+    """screens(gateway) opens the page; what it complains about fails the test."""
+    made: list[Screen] = []
+
+    def show(gateway: Gateway, **options) -> Screen:
+        made.append(Screen(browser, gateway.address, **options))
+        return made[-1]
+
+    yield show
+    for one in made:
+        one.close()
+
+
+@pytest.fixture
+def studio(project, serve):
+    """A server with a stage of three layers."""
+    for name, text in {"root.usda": ROOT, "anim.usda": ANIM, "layout.usda": LAYOUT}.items():
+        (project / name).write_text(text)
+    return serve(project)
+
+
+@contextlib.contextmanager
+def ticking(editor, flag: pathlib.Path, code: str):
+    """The editor runs the code and ticks until the end of the block: who does not tick is not there."""
+    loop = f"{code}\nimport os\nwhile not os.path.exists({str(flag)!r}): live.wait(lambda: False, 0.05)"
+    editor.process.stdin.write(json.dumps(loop) + "\n")
+    editor.process.stdin.flush()
+    yield
+    flag.touch()
+    editor._answer()
+    flag.unlink()
+
+
+def looking_from(x: float, y: float) -> str:
+    """The statement with which an editor shows that it has selected the box, and its camera."""
+    return (f"live.show_presence(['/World/Box'], Gf.Matrix4d().SetLookAt(Gf.Vec3d({x}, {y}, 6), Gf.Vec3d(0, 0, 0),"
+            " Gf.Vec3d(0, 0, 1)).GetInverse())")
+
+
+def is_red(color) -> bool:
+    return color[0] > 90 and color[0] > 2 * max(color[1], color[2])
+
+
+def is_green(color) -> bool:
+    return color[1] > 70 and color[1] > 1.3 * max(color[0], color[2])
+
+
+def is_blue(color) -> bool:
+    return color[2] > 90 and color[2] > 1.4 * max(color[0], color[1])
+
+
+def test_the_picture_shows_the_stage_and_follows_an_editor(studio, gateways, screens, editor):
+    screen = screens(gateways(studio)).opened()
+    assert is_red(screen.color("/World/Box")) and is_blue(screen.color("/World/Ball")) and is_green(screen.color("/World/Cone"))
+    before = screen.place("/World/Box")
+    ada = editor(studio, "ada", "root.usda")
+    ada.run("UsdGeom.XformCommonAPI(stage.GetPrimAtPath('/World/Box')).SetTranslate((-3, 4, 1))")
+    ada.flush()
+    screen.until(lambda: abs(screen.place("/World/Box")[0] - before[0]) > 40, "the box moved")
+    screen.until(lambda: is_red(screen.color("/World/Box")), "the box is red where it is now")
+    assert not is_red(screen.color_at(before)), "the box left its place"
+    ada.run("stage.GetPrimAtPath('/World/Ball').GetAttribute('primvars:displayColor').Set([(0.8, 0.02, 0.02)])")
+    ada.flush()
+    screen.until(lambda: is_red(screen.color("/World/Ball")), "the ball became red")
+    ada.run("UsdGeom.Imageable(stage.GetPrimAtPath('/World/Cone')).MakeInvisible()")
+    ada.flush()
+    screen.until(lambda: screen.place("/World/Cone") is None, "the cone went")
+    ada.run("stage.RemovePrim('/World/Cone'); UsdGeom.Cylinder.Define(stage, '/World/New')")
+    ada.flush()
+    screen.until(lambda: screen.place("/World/New") is not None, "a new prim came")
+
+
+def test_a_selection_and_a_camera_of_an_editor_are_seen_and_followed(studio, gateways, screens, editor, tmp_path):
+    screen = screens(gateways(studio)).opened()
+    ada = editor(studio, "ada", "root.usda")
+    with ticking(ada, tmp_path / "flag", looking_from(9, -9)):
+        screen.until("document.querySelectorAll('.scene-label').length === 2", "the selection and the camera have labels")
+        assert screen.run("[...document.querySelectorAll('.scene-label')].map(one => one.textContent)") == ["ada", "ada"]
+        outline = screen.run("usdlivePage.session.people.value[0].color")
+        wanted = [int(outline[at:at + 2], 16) for at in (1, 3, 5)]
+        around = screen.around(screen.place("/World/Box"), 180).astype(int)
+        assert (abs(around - wanted).max(axis=2) < 24).sum() > 60, f"an outline of {outline}"
+        screen.shot("presence")
+        screen.tab.click("[aria-label='Follow ada']")
+        screen.sees("Following ada")
+        before = screen.place("/World/Box")
+    with ticking(ada, tmp_path / "flag", looking_from(-9, 9)):
+        screen.until(lambda: abs(screen.place("/World/Box")[0] - before[0]) > 40, "the view follows")
+        screen.shot("following")
+        screen.tab.keyboard.press("Escape")
+        screen.until("usdlivePage.followed.value === undefined")
+
+
+def test_the_tree_is_searched_and_walked_with_keys(studio, gateways, screens):
+    screen = screens(gateways(studio)).opened()
+    tab = screen.tab
+    tab.click("[role=treeitem][data-path='/World']")
+    tab.keyboard.press("ArrowRight")
+    screen.until("document.querySelectorAll('[role=treeitem]').length > 4", "the children are shown")
+    for _ in range(2):
+        tab.keyboard.press("ArrowDown")
+    assert screen.run("usdlivePage.session.selection.value") == ["/World/Box"]
+    tab.keyboard.press("ArrowLeft")
+    assert screen.run("usdlivePage.session.selection.value") == ["/World"]
+    tab.keyboard.press("ArrowLeft")
+    screen.until("document.querySelectorAll('[role=treeitem]').length === 1", "the children are hidden")
+    tab.fill("[aria-label='Search prims']", "con")
+    tab.click(".found-row[data-path='/World/Cone']")
+    assert screen.run("usdlivePage.session.selection.value") == ["/World/Cone"]
+    tab.fill("[aria-label='Search prims']", "")
+    screen.until("document.querySelector(\"[data-path='/World/Cone'][aria-selected=true]\")", "the tree shows what was found")
+    x, y = screen.place("/World/Box")
+    tab.mouse.click(x, y)
+    screen.until("usdlivePage.session.selection.value[0] === '/World/Box'", "a click into the picture selects")
+    before = screen.place("/World/Box")
+    tab.keyboard.press("f")
+    screen.until(lambda: abs(screen.place("/World/Box")[0] - before[0]) > 20, "F frames the selection")
+
+
+def test_the_page_says_when_server_or_gateway_are_away_and_recovers(studio, gateways, screens, editor):
+    gateway = gateways(studio)
+    screen = screens(gateway).opened()
+    studio.kill()
+    screen.until("document.querySelector('.line-state')?.dataset.state === 'bad'", "the server is away")
+    screen.shot("server-away")
+    assert is_red(screen.color("/World/Box")), "the picture stays"
+    studio.start()
+    screen.until("document.querySelector('.line-state')?.dataset.state === 'good'", "the server is back", timeout=60)
+    before = screen.place("/World/Box")
+    ada = editor(studio, "ada", "root.usda")
+    ada.run("UsdGeom.XformCommonAPI(stage.GetPrimAtPath('/World/Box')).SetTranslate((-3, 4, 1))")
+    ada.flush()
+    screen.until(lambda: abs(screen.place("/World/Box")[0] - before[0]) > 40, "the page is live again")
+
+    gateway.process.kill()
+    gateway.process.wait()
+    screen.sees("The gateway does not answer")
+    screen.shot("gateway-away")
+    gateway.options = ("--port", str(gateway.port))
+    gateway.start()
+    screen.until("document.querySelector('.line-state')?.dataset.state === 'good'", "the gateway is back", timeout=60)
+    screen.opened()
+    assert is_red(screen.color("/World/Box"))
+
+
+SCRIPT = "<img src=x onerror=alert(1)><script>alert(2)</script>"
+
+
+def test_scripts_in_texts_of_a_stage_stay_text(project, serve, gateways, screens, tmp_path):
+    (project / "root.usda").write_text(f'''#usda 1.0
+(
+    doc = "{SCRIPT}"
+    subLayers = [@img src=x onerror=alert(3).usda@]
+)
+
+def Cube "World" (
+    doc = "{SCRIPT}"
+    customData = {{ string note = "{SCRIPT}" }}
+    kind = "{SCRIPT}"
+)
+{{
+    custom string note = "{SCRIPT}" (
+        doc = "{SCRIPT}"
+    )
+    custom asset file = @javascript:alert(4)@
+}}
+''')
+    (project / "img src=x onerror=alert(3).usda").write_text("#usda 1.0\n")
+    server = serve(project)
+    screen = screens(gateways(server)).opened()
+    eva = Peer(server.url, f"eva{SCRIPT}", "root.usda", tmp_path / "eva.log")
+    with ticking(eva, tmp_path / "flag", "live.show_presence(['/World'])"):
+        screen.until("document.querySelector('.scene-label')")
+        screen.tab.click("#tab-people")
+        screen.sees(f"eva{SCRIPT}")
+        screen.tab.click("#tab-properties")
+        screen.select("/World")
+        screen.until("document.querySelector('[data-property=note]')")
+        screen.tab.click("[data-property=note] .property-name")
+        screen.sees(SCRIPT)
+        screen.tab.click("#tab-history")
+        screen.until("document.querySelector('.commit')")
+        screen.shot("scripts")
+    eva.close()
+    assert screen.run("document.querySelectorAll('img').length") == 1, "the page's own picture is the only one"
+
+
+AXE = pathlib.Path(__file__).resolve().parents[2] / "build" / "web" / "node_modules" / "axe-core" / "axe.min.js"
+
+
+@pytest.mark.parametrize("scheme", ["dark", "light"])
+def test_the_page_can_be_used_with_a_screen_reader(studio, gateways, screens, scheme):
+    # The page's policy would not let the tool run.
+    screen = screens(gateways(studio), scheme=scheme, bypass_csp=True).opened()
+    screen.run(AXE.read_text())
+    screen.select("/World/Ball")
+    screen.until("document.querySelector('.prim-head')")
+    for tab in ("properties", "history", "people"):
+        screen.tab.click(f"#tab-{tab}")
+        found = screen.run("axe.run(document, {resultTypes: ['violations']}).then(found => found.violations"
+                           ".filter(one => ['serious', 'critical'].includes(one.impact))"
+                           ".map(one => `${one.id}: ${one.nodes.map(node => node.html).slice(0, 3)}`))")
+        assert found == [], tab
+    screen.shot(f"tabs-{scheme}")
+
+
+def test_a_phone_shows_the_stage_and_the_overview(studio, gateways, screens):
+    screen = screens(gateways(studio), width=390, height=800).opened()
+    assert is_red(screen.color("/World/Box"))
+    screen.shot("phone")
+    screen.tab.click("text=Overview")
+    screen.sees("layout.usda")
+    screen.shot("phone-overview")
+    assert screen.run("document.documentElement.scrollWidth") == 390, "nothing is wider than the screen"
+
+
+def test_a_browser_without_webgl_has_all_but_the_picture(studio, gateways, tools):
+    gateway = gateways(studio)
+    browser = tools.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu", "--disable-3d-apis"])
+    screen = Screen(browser, gateway.address)
+    screen.sees("This browser shows no 3D pictures")
+    screen.until("document.querySelector(\"[data-path='/World']\")", "the tree is here")
+    screen.shot("no-webgl")
+    browser.close()
