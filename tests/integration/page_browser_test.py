@@ -235,6 +235,139 @@ def test_the_tree_is_searched_and_walked_with_keys(studio, gateways, screens):
     screen.until(lambda: abs(screen.place("/World/Box")[0] - before[0]) > 20, "F frames the selection")
 
 
+def value_of(editor, path: str):
+    return editor.run(f"live.wait(lambda: False, 0.05)\nfound = stage.GetAttributeAtPath('{path}').Get()\n"
+                      "result = list(found) if hasattr(found, '__len__') and not isinstance(found, str) else found")
+
+
+def test_properties_show_each_opinion_and_take_values(studio, gateways, screens, editor):
+    screen = screens(gateways(studio)).opened()
+    ada = editor(studio, "ada", "root.usda")
+    ada.run("layer('anim.usda').GetAttributeAtPath('/World/Ball.radius').default = 1.5")
+    ada.flush()
+    tab = screen.tab
+    screen.select("/World/Ball")
+    radius = "[data-property=radius]"
+    screen.until(lambda: screen.run(f"document.querySelector('{radius} input')?.value") == "1.5", "the resolved value")
+    tab.click(f"{radius} .property-name")
+    opinions = f"[...document.querySelectorAll('{radius} .opinion')].map(one => one.innerText)"
+    screen.until(lambda: "ada" in "".join(screen.run(opinions)), "the author is told")
+    strongest, weaker = screen.run(opinions)
+    assert "anim.usda" in strongest and "1.5" in strongest and "ada" in strongest
+    assert "layout.usda" in weaker and "1" in weaker
+    screen.shot("page")
+
+    tab.fill(f"{radius} input", "2,25")
+    tab.keyboard.press("Enter")
+    screen.until(lambda: value_of(ada, "/World/Ball.radius") == 2.25, "the value arrived at the editor")
+    assert "2.25" in ada.text("anim.usda"), "the value went to the layer of the strongest opinion"
+    tab.fill(f"{radius} input", "no number")
+    assert screen.run(f"document.querySelector('{radius} input').getAttribute('aria-invalid')") == "true"
+    tab.keyboard.press("Escape")
+    tab.keyboard.press("Tab")
+    tab.locator("[data-property='primvars:displayColor'] .property-name").click()
+
+    tab.locator("button:has-text('Hide')").click()
+    screen.until(lambda: value_of(ada, "/World/Ball.visibility") == "invisible", "the ball was hidden")
+    screen.until(lambda: screen.place("/World/Ball") is None, "it left the picture")
+    tab.keyboard.press("Control+z")
+    screen.until(lambda: value_of(ada, "/World/Ball.visibility") == "inherited", "undo shows it again")
+    tab.keyboard.press("Control+Shift+z")
+    screen.until(lambda: value_of(ada, "/World/Ball.visibility") == "invisible", "redo hides it again")
+
+
+def test_a_gizmo_moves_a_prim_with_previews_and_one_commit(studio, gateways, screens, editor):
+    screen = screens(gateways(studio)).opened()
+    ada = editor(studio, "ada", "root.usda")
+    tab = screen.tab
+    screen.select("/World/Box")
+    tab.focus("canvas")
+    tab.keyboard.press("w")
+    screen.until(f"usdlivePage.gizmo.value === 'translate' && {VIEWPORT}.isSettled")
+    before, revision = value_of(ada, "/World/Box.xformOp:translate"), ada.flush()
+    x, y = screen.place("/World/Box")
+    # The square in the middle of the handles moves along the plane of the picture.
+    tab.mouse.move(x, y)
+    screen.until(lambda: drag_begins(tab, x, y, screen), "the pointer is at a handle")
+    for step in range(1, 6):
+        tab.mouse.move(x + 16 * step, y)
+        tab.wait_for_timeout(30)
+    screen.until(lambda: value_of(ada, "/World/Box.xformOp:translate") != before, "a preview arrived")
+    assert ada.run("result = live.revision") == revision, "a preview is no commit"
+    screen.shot("gizmo")
+    tab.mouse.up()
+    screen.until(lambda: ada.run("live.wait(lambda: False, 0.05)\nresult = live.revision") == revision + 1, "one commit")
+    moved = value_of(ada, "/World/Box.xformOp:translate")
+    assert max(abs(one - other) for one, other in zip(moved, before)) > 0.3
+    screen.until(lambda: abs(screen.place("/World/Box")[0] - x - 80) < 30, "it is where it was dropped")
+    tab.keyboard.press("Control+z")
+    screen.until(lambda: max(abs(one - other) for one, other in zip(value_of(ada, "/World/Box.xformOp:translate"), before)) < 1e-6, "undo")
+
+
+def drag_begins(tab, x: float, y: float, screen: Screen) -> bool:
+    tab.mouse.move(x + 1, y)
+    tab.mouse.move(x, y)
+    if not screen.run(f"{VIEWPORT}.isAtHandle"):
+        return False
+    tab.mouse.down()
+    return True
+
+
+def test_a_lock_of_somebody_else_is_shown_where_it_refuses(studio, gateways, screens, editor):
+    screen = screens(gateways(studio)).opened()
+    ada = editor(studio, "ada", "root.usda")
+    ada.run("live.lock('layout.usda')")
+    ada.flush()
+    screen.until("document.querySelector(\"[aria-label='Unlock layout.usda']\")", "the lock is shown")
+    screen.select("/World/Box")
+    size = "[data-property=size]"
+    screen.until(f"document.querySelector('{size} input')")
+    screen.tab.fill(f"{size} input", "3")
+    screen.tab.keyboard.press("Enter")
+    screen.until(lambda: "ada" in (screen.run(f"document.querySelector('{size} .refusal')?.innerText") or ""), "who has the lock")
+    assert value_of(ada, "/World/Box.size") == 1.8
+    screen.shot("refused")
+    ada.run("live.unlock('layout.usda')")
+    ada.flush()
+    screen.until("document.querySelector(\"[aria-label='Lock layout.usda']\")", "the lock went")
+    screen.tab.fill(f"{size} input", "3")
+    screen.tab.keyboard.press("Enter")
+    screen.until(lambda: value_of(ada, "/World/Box.size") == 3, "the value is taken now")
+    assert not screen.run(f"document.querySelector('{size} .refusal')")
+    screen.tab.click("[aria-label='Lock anim.usda']")
+    screen.until(lambda: ada.run("live.wait(lambda: False, 0.05)\nresult = 'anim.usda' in live.layer_states() and "
+                                 "live.layer_states()['anim.usda'].holder != ''"), "the page has locked a layer")
+    screen.tab.click("[aria-label='Mute anim.usda']")
+    screen.until(lambda: value_of(ada, "/World/Ball.radius") == 1, "the page has muted a layer for everybody")
+
+
+def test_the_past_is_shown_and_a_commit_is_taken_back(studio, gateways, screens, editor):
+    screen = screens(gateways(studio)).opened()
+    ada = editor(studio, "ada", "root.usda")
+    before = screen.place("/World/Box")
+    old = ada.flush()
+    ada.run("live.create_checkpoint('before lunch')")
+    ada.run("UsdGeom.XformCommonAPI(stage.GetPrimAtPath('/World/Box')).SetTranslate((-3, 4, 1))")
+    new = ada.flush()
+    screen.until(lambda: abs(screen.place("/World/Box")[0] - before[0]) > 40, "the box moved")
+    tab = screen.tab
+    tab.click("#tab-history")
+    screen.until(f"document.querySelector('[data-commit=\"{new}\"]')?.innerText.includes('ada')", "the commit is in the log")
+    screen.sees("before lunch")
+    tab.click(f"[aria-label='Show revision {old}']")
+    screen.until(lambda: screen.place("/World/Box") and abs(screen.place("/World/Box")[0] - before[0]) < 20, "the box is where it was")
+    screen.sees(f"You see revision {old}")
+    screen.shot("past")
+    tab.click("text=Back to live")
+    screen.until(lambda: screen.place("/World/Box") and abs(screen.place("/World/Box")[0] - before[0]) > 40, "live again")
+    tab.click(f"[aria-label='Revert commit {new}']")
+    screen.until("document.querySelector('.dry-run')", "what a revert does is shown first")
+    screen.shot("revert")
+    assert abs(value_of(ada, "/World/Box.xformOp:translate")[1] - 4) < 1e-6, "the dry run changes nothing"
+    tab.click(".dry-run .primary")
+    screen.until(lambda: abs(value_of(ada, "/World/Box.xformOp:translate")[1]) < 1e-6, "the commit was taken back")
+
+
 def test_the_page_says_when_server_or_gateway_are_away_and_recovers(studio, gateways, screens, editor):
     gateway = gateways(studio)
     screen = screens(gateway).opened()

@@ -1,10 +1,10 @@
 // Starts the page.
 import { render } from "preact";
+import { hexOf } from "./core/batch";
 import type { Socket } from "./core/channel";
-import type { Json } from "./core/protocol";
 import { App } from "./panels/app";
 import { Page } from "./panels/context";
-import { Session } from "./state/session";
+import { type Memory, Session } from "./state/session";
 import "./style.css";
 
 declare global {
@@ -14,20 +14,23 @@ declare global {
   }
 }
 
+const memory: Memory = {
+  hello: () => {
+    const token = sessionStorage.getItem("usdlive.token");
+    const name = localStorage.getItem("usdlive.name");
+    return { viewer: viewer(), ...(token ? { token } : {}), ...(name ? { name } : {}) };
+  },
+  setName: (name) => localStorage.setItem("usdlive.name", name),
+  setToken: (token) => sessionStorage.setItem("usdlive.token", token),
+};
+
 /** A number that stays when the tab is loaded again, so that the gateway knows the viewer. */
 function viewer(): string {
   const known = sessionStorage.getItem("usdlive.viewer");
   if (known) return known;
-  const made = Array.from(crypto.getRandomValues(new Uint8Array(16)), (byte) =>
-    byte.toString(16).padStart(2, "0"),
-  ).join("");
+  const made = hexOf(crypto.getRandomValues(new Uint8Array(16)));
   sessionStorage.setItem("usdlive.viewer", made);
   return made;
-}
-
-function hello(): { [key: string]: Json } {
-  const token = sessionStorage.getItem("usdlive.token");
-  return { viewer: viewer(), ...(token ? { token } : {}) };
 }
 
 function open(): Socket {
@@ -47,7 +50,7 @@ function open(): Socket {
 }
 
 const address = `${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/live`;
-const page = new Page(new Session(open, hello));
+const page = new Page(new Session(open, memory));
 window.usdlivePage = page;
 render(<App page={page} />, document.getElementById("page") as HTMLElement);
 page.session.connect();

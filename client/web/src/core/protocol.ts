@@ -106,6 +106,17 @@ export interface Welcome {
   revision: { first: number; last: number };
 }
 
+/** What the stage says about itself, when that changed. */
+export interface About {
+  type: "about";
+  upAxis: "Y" | "Z";
+  metersPerUnit: number;
+  startTime: number;
+  endTime: number;
+  timeCodesPerSecond: number;
+  time: number | null;
+}
+
 export interface SceneMessage {
   type: "scene";
   reset?: boolean;
@@ -143,6 +154,8 @@ export interface StateMessage {
   time: number | null;
   past: number | null;
   message: string;
+  /** The speed with which the past is played; 0 if it is not. */
+  playing?: number | boolean;
 }
 
 export interface ChangedMessage {
@@ -176,7 +189,8 @@ export type GatewayMessage =
   | StateMessage
   | RefusedMessage
   | ReplyMessage
-  | { type: "signIn"; message: string };
+  | { type: "signIn"; message: string }
+  | About;
 
 export interface TreeEntry {
   path: string;
@@ -220,6 +234,8 @@ export interface PrimProperties {
   path: string;
   type: string;
   documentation: string;
+  /** False for a part of an instance. */
+  editable?: boolean;
   metadata: { [key: string]: Json };
   variants: { set: string; selection: string; choices: string[] }[];
   properties: Property[];

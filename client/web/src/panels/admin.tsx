@@ -1,12 +1,15 @@
-// For administrators: users, what a rule says about somebody, the audit log, and the numbers of the server.
+// For administrators: users, own rights, the audit log, and the numbers of the server.
 import { useSignal } from "@preact/signals";
 import type { JSX } from "preact";
 import { useEffect } from "preact/hooks";
 import { ago } from "../core/format";
-import type { Json } from "../core/protocol";
+import type { Json, LayerNode } from "../core/protocol";
 import { RequestError } from "../core/requests";
 import { textOf } from "../state/session";
 import { usePage } from "./context";
+
+/** More layers are not asked for: each is a request. */
+const MOST_LAYERS = 20;
 
 type Entry = { [key: string]: Json };
 
@@ -81,55 +84,55 @@ function cell(column: string, value: Json | undefined): string {
   return typeof value === "string" ? value : JSON.stringify(value);
 }
 
-/** Asks what a user may do at a place, and why. */
-function Explain(): JSX.Element | null {
+/** Tells in which layers the person of this page may edit the selected prim, and why. */
+function Explain(): JSX.Element {
   const { session } = usePage();
-  const user = useSignal("");
-  const answer = useSignal<{ allowed?: boolean; reason?: string } | undefined>(undefined);
+  const path = session.selection.value.at(-1) ?? "/";
+  const answers = useSignal<{ layer: string; allowed: boolean; reason: string }[]>([]);
   const problem = useSignal("");
-  const ask = async () => {
-    try {
-      const path = session.selection.value.at(-1) ?? "/";
-      const layer = session.layers.value[0]?.layer ?? "";
-      answer.value = (await session.ask("explain", { user: user.value, layer, path })) as {
-        allowed?: boolean;
-        reason?: string;
+  const layers = session.layers.value;
+  useEffect(() => {
+    let isOld = false;
+    const ask = async (layer: string) => {
+      const { allowed, reason } = (await session.ask("explain", { layer, path })) as {
+        allowed: boolean;
+        reason: string;
       };
-      problem.value = "";
-    } catch (error) {
-      answer.value = undefined;
-      problem.value = textOf(error);
-    }
-  };
+      return { layer, allowed, reason };
+    };
+    Promise.all(namesOf(layers).slice(0, MOST_LAYERS).map(ask))
+      .then((found) => {
+        if (isOld) return;
+        answers.value = found;
+        problem.value = "";
+      })
+      .catch((error: unknown) => {
+        if (!isOld) problem.value = textOf(error);
+      });
+    return () => {
+      isOld = true;
+    };
+  }, [path, layers]);
   return (
-    <section class="group" aria-label="Explain">
-      <h3>May somebody edit the selected prim?</h3>
-      <form
-        class="checkpoint-form"
-        onSubmit={(event) => {
-          event.preventDefault();
-          void ask();
-        }}
-      >
-        <input
-          class="field"
-          placeholder="User"
-          aria-label="User"
-          value={user.value}
-          onInput={(event) => {
-            user.value = event.currentTarget.value;
-          }}
-        />
-        <button type="submit" class="small" disabled={user.value === ""}>
-          Explain
-        </button>
-      </form>
-      {answer.value && (
-        <p>
-          <strong>{answer.value.allowed ? "Yes." : "No."}</strong> {answer.value.reason}
-        </p>
-      )}
+    <section class="group" aria-label="Your rights">
+      <h3>Your rights at {path}</h3>
       {problem.value && <p class="empty bad">{problem.value}</p>}
+      <table>
+        <tbody>
+          {answers.value.map(({ layer, allowed, reason }) => (
+            <tr key={layer}>
+              <th scope="row">{layer}</th>
+              <td>
+                {allowed ? "may edit" : "may not edit"}: {reason}
+              </td>
+            </tr>
+          ))}
+        </tbody>
+      </table>
     </section>
   );
+}
+
+function namesOf(layers: LayerNode[]): string[] {
+  return layers.flatMap(({ layer, children }) => [layer, ...namesOf(children)]);
 }

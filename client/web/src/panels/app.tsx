@@ -214,10 +214,8 @@ function SignIn(): JSX.Element | null {
         <form
           onSubmit={(event) => {
             event.preventDefault();
-            sessionStorage.setItem("usdlive.token", token.value.trim());
+            session.signInWith(token.value.trim());
             token.value = "";
-            session.signIn.value = undefined;
-            session.reconnect();
           }}
         >
           <h2>Sign in</h2>

@@ -1,5 +1,5 @@
 // The history: a slider over revisions with checkpoints, the log with filters, and taking commits back.
-import { useSignal, useSignalEffect } from "@preact/signals";
+import { useSignal } from "@preact/signals";
 import type { JSX } from "preact";
 import { useEffect } from "preact/hooks";
 import { ago, lastOf } from "../core/format";
@@ -34,7 +34,8 @@ interface Reverted {
 
 const PAGE = 50;
 const RELOAD_PAUSE_MS = 400;
-const PLAY_STEP_MS = 250;
+/** How much faster than people worked their history is played. */
+const SPEEDS = [1, 10, 60, 600];
 
 export function HistoryPanel(): JSX.Element {
   const page = usePage();
@@ -143,8 +144,9 @@ export function RevisionSlider({
   commits: Commit[];
 }): JSX.Element {
   const { session } = usePage();
-  const isPlaying = useSignal(false);
   const wish = useSignal<number | undefined>(undefined);
+  const speed = useSignal(60);
+  const isPlaying = Boolean(session.state.value?.playing);
   const { first, last } = session.welcome.value?.revision ?? { first: 0, last: 0 };
   const newest = Math.max(last, session.state.value?.revision ?? 0);
   const past = session.state.value?.past ?? null;
@@ -160,18 +162,10 @@ export function RevisionSlider({
     }, 120);
     return () => clearTimeout(timer);
   }, [wish.value]);
-  useSignalEffect(() => {
-    if (!isPlaying.value) return undefined;
-    const timer = setInterval(() => {
-      const at = session.state.value?.past ?? null;
-      if (at === null) {
-        isPlaying.value = false;
-        return;
-      }
-      void session.edit("past", { revision: at + 1 >= newest ? null : at + 1 }, "");
-    }, PLAY_STEP_MS);
-    return () => clearInterval(timer);
-  });
+  async function play(times: number): Promise<void> {
+    if (times > 0 && past === null) await session.edit("past", { revision: first }, "");
+    await session.edit("play", { speed: times }, "");
+  }
 
   const fraction = (revision: number) => (newest > first ? ((revision - first) / (newest - first)) * 100 : 100);
   return (
@@ -180,14 +174,11 @@ export function RevisionSlider({
         <button
           type="button"
           class="icon-button"
-          aria-label={isPlaying.value ? "Pause" : "Play the history"}
+          aria-label={isPlaying ? "Pause" : "Play the history"}
           disabled={past === null && newest <= first}
-          onClick={() => {
-            if (!isPlaying.value && past === null) void session.edit("past", { revision: first }, "");
-            isPlaying.value = !isPlaying.value;
-          }}
+          onClick={() => void play(isPlaying ? 0 : speed.value)}
         >
-          <Icon name={isPlaying.value ? "pause" : "play"} filled />
+          <Icon name={isPlaying ? "pause" : "play"} filled />
         </button>
         <div class="slider">
           <input
@@ -201,7 +192,6 @@ export function RevisionSlider({
             value={shown}
             disabled={newest <= first}
             onInput={(event) => {
-              isPlaying.value = false;
               wish.value = Number(event.currentTarget.value);
             }}
           />
@@ -226,9 +216,24 @@ export function RevisionSlider({
         </button>
       </div>
       <div class="weak revision-text">
-        #{shown}
-        {author && ` · ${author.user} · ${ago(author.at)}`}
-        {past === null && wish.value === undefined && " · live"}
+        {[`#${shown}`, author?.user, ago(author?.at), past === null && wish.value === undefined && "live"]
+          .filter(Boolean)
+          .join(" · ")}
+        <select
+          class="speed"
+          aria-label="Speed of the history"
+          value={speed.value}
+          onChange={(event) => {
+            speed.value = Number(event.currentTarget.value);
+            if (isPlaying) void play(speed.value);
+          }}
+        >
+          {SPEEDS.map((times) => (
+            <option key={times} value={times}>
+              {times}×
+            </option>
+          ))}
+        </select>
       </div>
     </div>
   );
@@ -270,7 +275,7 @@ function CommitRow({ commit, checkpoint }: { commit: Commit; checkpoint: string 
           #{commit.revision}
         </button>
         <span class="commit-user" style={color ? { borderColor: color } : {}}>
-          {commit.user}
+          {commit.user || "(file)"}
         </span>
         <span class="weak">{ago(commit.at)}</span>
         {session.mayEdit && (

@@ -1,4 +1,5 @@
 // The overview: the line to the server, the layers with their states, and who is here.
+import { useSignal } from "@preact/signals";
 import type { JSX } from "preact";
 import { initials, lastOf } from "../core/format";
 import type { LayerNode, Person } from "../core/protocol";
@@ -197,6 +198,7 @@ export function PeoplePanel(): JSX.Element {
               </span>
               <span class="weak">{you.role}</span>
             </div>
+            {!session.isSignedIn && <NameForm name={you.user} />}
           </li>
         )}
         {people.map((person) => (
@@ -204,6 +206,48 @@ export function PeoplePanel(): JSX.Element {
         ))}
       </ul>
     </section>
+  );
+}
+
+/** On a server without accounts a person is who they say. */
+function NameForm({ name }: { name: string }): JSX.Element {
+  const { session } = usePage();
+  const isOpen = useSignal(false);
+  const draft = useSignal(name);
+  if (!isOpen.value) {
+    return (
+      <button
+        type="button"
+        class="small"
+        onClick={() => {
+          isOpen.value = true;
+        }}
+      >
+        Change name
+      </button>
+    );
+  }
+  return (
+    <form
+      class="name-form"
+      onSubmit={(event) => {
+        event.preventDefault();
+        isOpen.value = false;
+        session.rename(draft.value.trim());
+      }}
+    >
+      <input
+        class="field"
+        aria-label="Your name"
+        value={draft.value}
+        onInput={(event) => {
+          draft.value = event.currentTarget.value;
+        }}
+      />
+      <button type="submit" class="small" disabled={draft.value.trim() === ""}>
+        Set
+      </button>
+    </form>
   );
 }
 

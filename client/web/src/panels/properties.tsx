@@ -8,7 +8,7 @@ import { textOf } from "../state/session";
 import { usePage } from "./context";
 import { Icon } from "./icons";
 import { Refusal } from "./overview";
-import { ValueEditor } from "./widgets";
+import { typeOf, ValueEditor } from "./widgets";
 
 const RELOAD_PAUSE_MS = 100;
 
@@ -63,6 +63,7 @@ export function PropertiesPanel(): JSX.Element {
   if (!prim) return <p class={`empty${problem.value ? " bad" : ""}`}>{problem.value || "Loading …"}</p>;
   const text = filter.value.trim().toLowerCase();
   const shown = prim.properties.filter(({ name }) => name.toLowerCase().includes(text));
+  const mayEdit = session.mayEdit && prim.editable !== false;
   const trouble = page.viewport.value?.problemOf(path);
   return (
     <div class="properties">
@@ -96,8 +97,8 @@ export function PropertiesPanel(): JSX.Element {
           }}
         />
       </div>
-      <Group name="Authored" properties={shown.filter(({ authored }) => authored)} path={path} />
-      <Group name="Fallback" properties={shown.filter(({ authored }) => !authored)} path={path} />
+      <Group name="Authored" properties={shown.filter(({ authored }) => authored)} path={path} mayEdit={mayEdit} />
+      <Group name="Fallback" properties={shown.filter(({ authored }) => !authored)} path={path} mayEdit={mayEdit} />
       <Metadata metadata={prim.metadata} />
     </div>
   );
@@ -168,7 +169,8 @@ function Variants({ prim }: { prim: PrimProperties }): JSX.Element {
   );
 }
 
-function Group({ name, properties, path }: { name: string; properties: Property[]; path: string }): JSX.Element | null {
+function Group(props: { name: string; properties: Property[]; path: string; mayEdit: boolean }): JSX.Element | null {
+  const { name, properties, path, mayEdit } = props;
   if (properties.length === 0) return null;
   return (
     <section class="group" aria-label={`${name} properties`}>
@@ -176,17 +178,17 @@ function Group({ name, properties, path }: { name: string; properties: Property[
         {name} <span class="count">{properties.length}</span>
       </h3>
       {properties.map((property) => (
-        <PropertyRow key={property.name} property={property} path={path} />
+        <PropertyRow key={property.name} property={property} path={path} mayEdit={mayEdit} />
       ))}
     </section>
   );
 }
 
-function PropertyRow({ property, path }: { property: Property; path: string }): JSX.Element {
-  const { session } = usePage();
+function PropertyRow(props: { property: Property; path: string; mayEdit: boolean }): JSX.Element {
+  const { property, path, mayEdit } = props;
   const isOpen = useSignal(false);
   const place = `${path}.${property.name}`;
-  const { widget } = widgetFor(property.type, property.allowed);
+  const { widget } = widgetFor(typeOf(property), property.allowed);
   return (
     <div class={`property${property.authored ? "" : " fallback"}`} data-property={property.name}>
       <div class="property-head">
@@ -202,14 +204,14 @@ function PropertyRow({ property, path }: { property: Property; path: string }): 
           <span class={`twist${isOpen.value ? " open" : ""}`}>
             <Icon name="chevron" />
           </span>
-          {property.name}
+          <span class="name-text">{property.name}</span>
         </button>
         <div class="property-value">
           {property.relationship ? (
             <Paths paths={property.targets} />
           ) : property.connections.length > 0 ? (
             <Paths paths={property.connections} />
-          ) : session.mayEdit && widget !== "none" ? (
+          ) : mayEdit && widget !== "none" ? (
             <ValueEditor property={property} path={path} place={place} />
           ) : (
             <span class="value-text" title={property.valueText}>

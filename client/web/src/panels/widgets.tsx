@@ -13,6 +13,12 @@ interface WidgetProps {
   set: (value: Json) => void;
 }
 
+/** The type that a widget edits: a list with one color, as most display colors are, is edited as that color. */
+export function typeOf(property: Property): string {
+  const isOneColor = property.type === "color3f[]" && Array.isArray(property.value) && property.value.length === 1;
+  return isOneColor ? "color3f" : property.type;
+}
+
 /** `place` is where a refusal of the edit is shown. */
 export function ValueEditor({
   property,
@@ -24,11 +30,18 @@ export function ValueEditor({
   place: string;
 }): JSX.Element {
   const { session } = usePage();
-  const { widget, size } = widgetFor(property.type, property.allowed);
+  const type = typeOf(property);
+  const isInList = type !== property.type;
+  const { widget, size } = widgetFor(type, property.allowed);
   const time = property.animated ? session.state.value?.time : null;
   const set = (value: Json) =>
-    void session.edit("set", { path, name: property.name, value, ...(time == null ? {} : { time }) }, place);
-  const props: WidgetProps = { property, size, label: property.name, set };
+    void session.edit(
+      "set",
+      { path, name: property.name, value: isInList ? [value] : value, ...(time == null ? {} : { time }) },
+      place,
+    );
+  const shown = isInList ? { ...property, type, value: (property.value as Json[])[0] ?? null } : property;
+  const props: WidgetProps = { property: shown, size, label: property.name, set };
   switch (widget) {
     case "bool":
       return <BoolWidget {...props} />;

@@ -22,6 +22,15 @@ export type Line =
   | { state: "lost"; reason: string; retryMs: number }
   | { state: "refused"; reason: string };
 
+/** What the browser keeps about the person. */
+export interface Memory {
+  /** The fields of the first message to the gateway. */
+  hello(): { [key: string]: Json };
+  setName(name: string): void;
+  /** Kept until the tab is closed. */
+  setToken(token: string): void;
+}
+
 export interface Notice {
   number: number;
   text: string;
@@ -61,7 +70,7 @@ export class Session {
 
   constructor(
     create: () => Socket,
-    private readonly hello: () => { [key: string]: Json },
+    private readonly memory: Memory,
   ) {
     this.channel = new Channel(create, {
       opened: () => this.opened(),
@@ -81,6 +90,22 @@ export class Session {
     this.channel.close();
     this.line.value = { state: "connecting" };
     this.channel.connect();
+  }
+
+  /** Whether the person has given a token; the server knows the name then. */
+  get isSignedIn(): boolean {
+    return this.memory.hello().token !== undefined;
+  }
+
+  rename(name: string): void {
+    this.memory.setName(name);
+    this.reconnect();
+  }
+
+  signInWith(token: string): void {
+    this.memory.setToken(token);
+    this.signIn.value = undefined;
+    this.reconnect();
   }
 
   ask(type: string, content: { [key: string]: Json | undefined } = {}): Promise<Json> {
@@ -134,7 +159,7 @@ export class Session {
   }
 
   private opened(): void {
-    this.channel.send(JSON.stringify({ ...this.hello(), type: "hello" }));
+    this.channel.send(JSON.stringify({ ...this.memory.hello(), type: "hello" }));
   }
 
   private closed(reason: string, retryMs: number | undefined): void {
@@ -182,6 +207,9 @@ export class Session {
           break;
         case "refused":
           this.refused(message);
+          break;
+        case "about":
+          if (this.welcome.value) this.welcome.value = { ...this.welcome.value, ...message, type: "welcome" };
           break;
         case "signIn":
           this.signIn.value = message.message;

@@ -233,6 +233,11 @@ export class Viewport {
     return { x: left + ((at.x + 1) / 2) * width, y: top + ((1 - at.y) / 2) * height };
   }
 
+  /** Whether the pointer is at a handle of the gizmo. */
+  get isAtHandle(): boolean {
+    return this.gizmo.isHovered;
+  }
+
   get isSettled(): boolean {
     return this.isComplete && this.content.shapes.pending === 0 && !this.isRequested;
   }
