@@ -40,6 +40,7 @@ const OWN_COLOR = "#ffb020";
 const MOST_OUTLINED = 600;
 const CLICK_PIXELS = 4;
 const FIELD_OF_VIEW = 45;
+const FIT_MARGIN = 1.12;
 
 export interface FrameStats {
   frames: number;
@@ -215,7 +216,7 @@ export class Viewport {
     const box = this.content.box(items);
     if (box.isEmpty()) return;
     this.isAutoFraming = false;
-    this.fit(box.getBoundingSphere(new Sphere()));
+    this.fit(box);
     this.requestFrame();
   }
 
@@ -390,7 +391,7 @@ export class Viewport {
     box.getBoundingSphere(this.bounds);
     this.updateGrid(box);
     if (!this.isAutoFraming) return;
-    this.fit(this.bounds);
+    this.fit(box);
     if (this.isComplete && this.content.shapes.pending === 0 && this.store.items.size > 0) this.isAutoFraming = false;
   }
 
@@ -416,14 +417,27 @@ export class Viewport {
     this.scene.add(this.grid);
   }
 
-  private fit(sphere: Sphere): void {
-    const direction = this.camera.position.clone().sub(this.orbit.target);
-    if (direction.lengthSq() === 0) direction.set(1, 0.7, 1.4);
-    const half = (FIELD_OF_VIEW / 2) * (Math.PI / 180);
-    const narrow = Math.min(half, Math.atan(Math.tan(half) * this.camera.aspect));
-    const distance = Math.max(sphere.radius, 1e-4) / Math.sin(narrow);
-    this.orbit.target.copy(sphere.center);
-    this.camera.position.copy(sphere.center).add(direction.setLength(1.02 * distance));
+  /** Moves the camera back or forth, in the direction from which it looks, until the box just fills the picture. */
+  private fit(box: Box3): void {
+    const center = box.getCenter(new Vector3());
+    const back = this.camera.position.clone().sub(this.orbit.target);
+    if (back.lengthSq() === 0) back.set(1, 0.7, 1.4);
+    back.normalize();
+    const right = new Vector3().crossVectors(this.camera.up, back).normalize();
+    const up = new Vector3().crossVectors(back, right);
+    const tall = Math.tan((FIELD_OF_VIEW / 2) * (Math.PI / 180));
+    const wide = tall * this.camera.aspect;
+    let distance = 1e-3;
+    for (let corner = 0; corner < 8; corner++) {
+      const x = corner & 1 ? box.max.x : box.min.x;
+      const y = corner & 2 ? box.max.y : box.min.y;
+      const z = corner & 4 ? box.max.z : box.min.z;
+      const at = new Vector3(x, y, z).sub(center);
+      const needed = Math.max(Math.abs(at.dot(right)) / wide, Math.abs(at.dot(up)) / tall);
+      distance = Math.max(distance, needed + at.dot(back));
+    }
+    this.orbit.target.copy(center);
+    this.camera.position.copy(center).addScaledVector(back, FIT_MARGIN * distance);
     this.camera.near = distance / 1000;
     this.camera.far = distance * 10;
     this.camera.updateProjectionMatrix();
