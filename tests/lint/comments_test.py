@@ -14,9 +14,11 @@ import tokenize
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 FOLDERS = ["bench", "client", "common", "docker", "plugins", "server", "tests"]
 CODE = {".h", ".cpp", ".idl"}
+TYPESCRIPT = {".ts", ".tsx"}
 
 OPENING = re.compile(r"(?:who|what|of|where|as|whoever|whatever)\b", re.IGNORECASE)
 WHOLE_LINE = re.compile(r"^(\s*)//[/!]?<?\s?(.*)$")
+BLOCK = re.compile(r"^\s*/\*\*?\s+(.*)$")
 TRAILING = re.compile(
     r"""^((?:[^"'/]|(?<=\d)'(?=\d)|"(?:\\.|[^"\\])*"|'(?:\\.|[^'\\])*'|/(?!/))+)//[/!]?<?\s?(.*)$""")
 
@@ -49,6 +51,17 @@ def openings(text):
             column = None
 
 
+def typescript_openings(text):
+    """Yields (line number, text) for each comment of TypeScript."""
+    yield from openings(text)
+    lines = text.splitlines()
+    for number, line in enumerate(lines, 1):
+        if block := BLOCK.match(line):
+            yield number, block[1]
+        elif line.strip() == "/**" and number < len(lines):
+            yield number + 1, lines[number].strip().lstrip("* ")
+
+
 def python_openings(text):
     """Yields (line number, text) for each comment and each docstring of a Python file."""
     column = None
@@ -76,10 +89,11 @@ def check(findings, entries):
 
 def test_comments_begin_with_their_subject_or_verb():
     findings = []
-    for path in source_files(CODE | {".py"}):
+    for path in source_files(CODE | TYPESCRIPT | {".py"}):
         text = path.read_text(encoding="utf-8")
         name = path.relative_to(ROOT).as_posix()
-        for number, comment in (python_openings if path.suffix == ".py" else openings)(text):
+        found = python_openings if path.suffix == ".py" else typescript_openings if path.suffix in TYPESCRIPT else openings
+        for number, comment in found(text):
             if OPENING.match(comment):
                 findings.append((name, f"{name}:{number}: {comment.splitlines()[0]}"))
     check(findings, EXCEPTED_OPENINGS)
@@ -87,7 +101,7 @@ def test_comments_begin_with_their_subject_or_verb():
 
 def test_source_files_begin_with_a_comment():
     findings = []
-    for path in source_files(CODE):
+    for path in source_files(CODE | TYPESCRIPT):
         name = path.relative_to(ROOT).as_posix()
         if not path.read_text(encoding="utf-8").startswith("//"):
             findings.append((name, f"{name} begins without a comment that says what it is for"))
@@ -109,3 +123,5 @@ int b = 1'000;  // as long as that
     assert found == [1, 2, 6, 7, 8]
     python = '"""As it is."""\nx = "# what"  # of y\n# A sentence,\n# of two lines.\ndef f():\n    """Whatever."""\n'
     assert [number for number, comment in python_openings(python) if OPENING.match(comment)] == [2, 1, 6]
+    typescript = "/** What it is. */\n/**\n * As it was.\n */\nlet a = 1;  // of b\n// A sentence.\n"
+    assert {number for number, comment in typescript_openings(typescript) if OPENING.match(comment)} == {1, 3, 5}

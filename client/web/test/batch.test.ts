@@ -1,3 +1,4 @@
+// Tests the decoding of batches, also of damaged ones.
 import { expect, test } from "vitest";
 import { decodeBatch } from "../src/core/batch";
 import { BadBytes } from "../src/core/sections";

@@ -1,3 +1,4 @@
+// Tests the channel, requests and blobs with a clock and sockets of the test.
 import { afterEach, beforeEach, expect, test, vi } from "vitest";
 import { Blobs } from "../src/core/blobs";
 import { Channel, pauseMs, type Socket } from "../src/core/channel";

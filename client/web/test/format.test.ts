@@ -1,3 +1,4 @@
+// Tests texts, widgets and other small decisions of the panels.
 import { expect, test } from "vitest";
 import { ago, hexOfLinear, initials, linearOfHex, numberOf, numbersOf, short, widgetFor } from "../src/core/format";
 import { parseMessage } from "../src/core/protocol";

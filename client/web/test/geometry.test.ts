@@ -1,3 +1,4 @@
+// Tests the decoding of geometry blobs, also of damaged ones.
 import { expect, test } from "vitest";
 import { decodeGeometry, smoothNormals } from "../src/core/geometry";
 import { BadBytes } from "../src/core/sections";

@@ -1,3 +1,4 @@
+// Tests the scene store: world matrices, visibility, changes.
 import { expect, test } from "vitest";
 import { determinant, inverse, multiply } from "../src/core/affine";
 import { decodeBatch } from "../src/core/batch";

@@ -1,3 +1,4 @@
+// Tests the tree of prims over a stage of the test.
 import { expect, test } from "vitest";
 import type { TreeEntry } from "../src/core/protocol";
 import { TreeModel } from "../src/core/tree";

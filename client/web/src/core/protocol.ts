@@ -106,7 +106,7 @@ export interface Welcome {
   revision: { first: number; last: number };
 }
 
-/** What the stage says about itself, when that changed. */
+/** Metadata of the stage, sent when they changed. */
 export interface About {
   type: "about";
   upAxis: "Y" | "Z";

@@ -1,7 +1,7 @@
 // Sends requests and gives each its answer, or an error after a while.
 import type { Json, ReplyMessage } from "./protocol";
 
-/** What the gateway or the server answered in the place of a value, or that no answer came. */
+/** An answer that is no value, or that no answer came. */
 export class RequestError extends Error {
   constructor(
     readonly code: string,

@@ -9,7 +9,7 @@ export interface Instances {
   prototypes: Uint32Array;
 }
 
-/** What the last calls changed. The viewport takes it once a frame. */
+/** The changes of the last calls. The viewport takes it once a frame. */
 export interface SceneChanges {
   /** Items that came, went, or have to be drawn in another group: another geometry, material or visibility. */
   items: Set<PrimId>;

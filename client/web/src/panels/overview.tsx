@@ -34,7 +34,7 @@ export function LineState(): JSX.Element {
   );
 }
 
-/** What a lost line means for the person, and what happens next. */
+/** Says what a lost line means for the person, and what happens next. */
 export function LineBanner(): JSX.Element | null {
   const page = usePage();
   const { session } = page;

@@ -21,7 +21,7 @@ export function PropertiesPanel(): JSX.Element {
   const wish = useSignal(0);
   const filter = useSignal("");
 
-  // What changed in the stage may be a property that is shown.
+  // A change of the stage may be one of a property that is shown.
   useSignalEffect(() => {
     const changed = session.changed.value;
     const shown = session.selection.value.at(-1);
@@ -251,7 +251,7 @@ function Paths({ paths }: { paths: string[] }): JSX.Element {
   );
 }
 
-/** What there is to know of one property: every opinion in the layer stack, the strongest first. */
+/** Shows all of one property: every opinion in the layer stack, the strongest first. */
 function Details({ property, path }: { property: Property; path: string }): JSX.Element {
   const { session } = usePage();
   const opinions = useSignal<Opinion[]>(property.opinions);

@@ -22,7 +22,7 @@ export type Line =
   | { state: "lost"; reason: string; retryMs: number }
   | { state: "refused"; reason: string };
 
-/** What the browser keeps about the person. */
+/** The part of the browser that keeps who the person is. */
 export interface Memory {
   /** The fields of the first message to the gateway. */
   hello(): { [key: string]: Json };

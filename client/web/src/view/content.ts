@@ -91,7 +91,7 @@ export class Content {
     return box;
   }
 
-  /** What has to be drawn to outline everything at and below a path, at most `most` shapes. */
+  /** Returns the shapes at and below a path, at most `most`, to draw their outline. */
   outlined(path: string, color: string, most: number): Outlined[] {
     const found: Outlined[] = [];
     for (const item of this.store.below(path)) {

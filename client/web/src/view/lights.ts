@@ -6,7 +6,7 @@ import type { SceneStore } from "../core/scene";
 /** Each light costs every pixel; the strongest are kept. */
 const MOST_LIGHTS = 8;
 const BRIGHTEST = 2.6;
-/** What the sky gives where the stage has no lights. */
+/** The light of the sky where the stage has no lights. */
 const FILL = 0.75;
 
 interface Strength {

@@ -17,7 +17,7 @@ import {
 } from "three";
 import type { Material, TextureRole, TextureUse, Vec3, WrapMode } from "../core/protocol";
 
-/** What a mesh adds to its material. */
+/** Properties of a mesh that its material needs. */
 export interface Variant {
   isFlat: boolean;
   hasColors: boolean;
