@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import importlib.util
 import json
 import pathlib
+import shutil
 
 import pytest
 from conftest import Peer
@@ -209,6 +211,98 @@ def test_a_selection_and_a_camera_of_an_editor_are_seen_and_followed(studio, gat
         screen.until("usdlivePage.followed.value === undefined")
 
 
+SHOT = """#usda 1.0
+(
+    defaultPrim = "World"
+    upAxis = "Z"
+    metersPerUnit = 1
+    subLayers = [@anim.usda@, @layout.usda@]
+)
+"""
+SHOT_LAYOUT = """#usda 1.0
+(
+    upAxis = "Z"
+    metersPerUnit = 1
+)
+
+def Xform "World"
+{
+    def Cube "Floor"
+    {
+        color3f[] primvars:displayColor = [(0.16, 0.18, 0.21)]
+        double3 xformOp:translate = (0, 0, -0.06)
+        double3 xformOp:scale = (2.3, 1.5, 0.05)
+        uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:scale"]
+    }
+
+    def Xform "Bunny" (
+        references = @assets/bunny.usd@
+    )
+    {
+        double3 xformOp:translate = (-1.5, 0.4, 0)
+        float3 xformOp:rotateXYZ = (90, 0, 20)
+        uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateXYZ"]
+        color3f[] primvars:displayColor = [(0.72, 0.42, 0.2)] (
+            interpolation = "constant"
+        )
+    }
+
+    def Xform "Drones"
+    {
+DRONES    }
+
+    def Xform "Humanoid" (
+        references = @assets/humanoid.usda@
+    )
+    {
+        double3 xformOp:translate = (1.3, 0.2, 1.29)
+        float3 xformOp:rotateXYZ = (0, 0, -60)
+        uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateXYZ"]
+        color3f[] primvars:displayColor = [(0.1, 0.32, 0.62)] (
+            interpolation = "constant"
+        )
+    }
+}
+"""
+
+
+def test_a_shot_of_real_stages_is_shown_with_its_people(project, serve, gateways, screens, editor, tmp_path):
+    assets = pathlib.Path(importlib.util.find_spec("newton").submodule_search_locations[0]) / "examples" / "assets"
+    (project / "assets").mkdir()
+    for name in ("bunny.usd", "crazyflie.usd", "humanoid.usda"):
+        shutil.copy(assets / name, project / "assets")
+    drones = "".join(f'''        def Xform "Drone{number}" (
+            references = @assets/crazyflie.usd@
+        )
+        {{
+            double3 xformOp:translate = ({-1.2 + 1.1 * number}, -0.6, {1.5 + 0.25 * number})
+            float3 xformOp:rotateXYZ = (90, 0, {25 * number})
+            float3 xformOp:scale = (9, 9, 9)
+            uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateXYZ", "xformOp:scale"]
+        }}
+
+''' for number in range(3))
+    for name, text in {"root.usda": SHOT, "anim.usda": "#usda 1.0\n", "layout.usda": SHOT_LAYOUT.replace("DRONES", drones)}.items():
+        (project / name).write_text(text)
+    server = serve(project)
+    screen = screens(gateways(server), width=1120, height=640).opened()
+    ada, ben = editor(server, "ada", "root.usda"), editor(server, "ben", "root.usda")
+    ada.run("prim = stage.GetPrimAtPath('/World/Drones/Drone1')\nprim.GetAttribute('xformOp:translate').Set((0.1, -0.7, 1.9))")
+    ada.flush()
+    look = ("live.show_presence(['{}'], Gf.Matrix4d().SetLookAt(Gf.Vec3d(*{}), Gf.Vec3d(0, 0, 1),"
+            " Gf.Vec3d(0, 0, 1)).GetInverse())")
+    with (ticking(ada, tmp_path / "ada", look.format("/World/Drones/Drone1", (2.6, -2.6, 2.6))),
+          ticking(ben, tmp_path / "ben", look.format("/World/Bunny", (-2.8, -1.6, 2.2)))):
+        screen.until("document.querySelectorAll('.scene-label').length === 4")
+        for path in ("/World/Bunny", "/World/Humanoid/torso/visuals/torso"):
+            screen.until(lambda one=path: screen.place(one), f"{path} is shown")
+        screen.run("usdlivePage.session.select(['/World/Drones/Drone0'])")
+        screen.run("usdlivePage.revealed.value = {path: '/World/Drones/Drone0'}")
+        screen.until("document.querySelector('[data-property=\"xformOp:translate\"] input')")
+        screen.until("document.querySelector(\"[data-path='/World/Drones/Drone0']\")")
+        screen.shot("page")
+
+
 def test_the_tree_is_searched_and_walked_with_keys(studio, gateways, screens):
     screen = screens(gateways(studio)).opened()
     tab = screen.tab
@@ -255,7 +349,7 @@ def test_properties_show_each_opinion_and_take_values(studio, gateways, screens,
     strongest, weaker = screen.run(opinions)
     assert "anim.usda" in strongest and "1.5" in strongest and "ada" in strongest
     assert "layout.usda" in weaker and "1" in weaker
-    screen.shot("page")
+    screen.shot("properties")
 
     tab.fill(f"{radius} input", "2,25")
     tab.keyboard.press("Enter")

@@ -101,6 +101,16 @@ def test_the_wheel_is_stripped_and_small(wheel, content):
     assert re.fullmatch(r"usdlive-[0-9.]+-cp311-cp311-manylinux_2_[0-9]+_x86_64\.whl", wheel.name)
 
 
+def test_the_page_is_in_the_wheel_with_its_licences(content):
+    page = content / "usdlive" / "page" / "static"
+    index = (page / "index.html").read_text()
+    script = re.search(r'src="/(assets/[^"]+[.]js)"', index)[1]
+    assert (page / script).stat().st_size > 100_000
+    assert "<script>" not in index and "style=" not in index, "the gateway's policy allows nothing inline"
+    licences = (page / "licences.md").read_text()
+    assert all(name in licences for name in ("three", "preact"))
+
+
 # --- on a bare Linux ---
 
 
