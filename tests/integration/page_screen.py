@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import pathlib
 import struct
 import time
@@ -74,6 +75,11 @@ class Screen:
         """The middle of a prim in the window."""
         found = self.run(f"path => {VIEWPORT}.placeOf(path)", path)
         return found and (found["x"], found["y"])
+
+    def shift(self, path: str, before: tuple[float, float]) -> float:
+        """By how many pixels a prim has moved to the side; not a number, which no comparison accepts, while it is not there."""
+        found = self.place(path)
+        return abs(found[0] - before[0]) if found else math.nan
 
     def around(self, place: tuple[float, float], size: int = 3) -> numpy.ndarray:
         """The window's pixels around a place: rows of columns of red, green and blue."""
