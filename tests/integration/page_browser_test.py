@@ -7,6 +7,8 @@ import importlib.util
 import json
 import pathlib
 import shutil
+import struct
+import zlib
 
 import pytest
 from conftest import Peer
@@ -301,6 +303,158 @@ def test_a_shot_of_real_stages_is_shown_with_its_people(project, serve, gateways
         screen.until("document.querySelector('[data-property=\"xformOp:translate\"] input')")
         screen.until("document.querySelector(\"[data-path='/World/Drones/Drone0']\")")
         screen.shot("page")
+
+
+KINDS = """#usda 1.0
+(
+    defaultPrim = "World"
+    upAxis = "Y"
+    startTimeCode = 1
+    endTimeCode = 25
+)
+
+def Xform "World"
+{
+    def Mesh "Textured" (
+        prepend apiSchemas = ["MaterialBindingAPI"]
+    )
+    {
+        int[] faceVertexCounts = [4]
+        int[] faceVertexIndices = [0, 1, 2, 3]
+        point3f[] points = [(-7, 0, 0), (-5, 0, 0), (-5, 2, 0), (-7, 2, 0)]
+        texCoord2f[] primvars:st = [(0, 0), (1, 0), (1, 1), (0, 1)] (
+            interpolation = "vertex"
+        )
+        rel material:binding = </World/Painted>
+    }
+
+    def Material "Painted"
+    {
+        token outputs:surface.connect = </World/Painted/Surface.outputs:surface>
+
+        def Shader "Surface"
+        {
+            uniform token info:id = "UsdPreviewSurface"
+            color3f inputs:diffuseColor.connect = </World/Painted/Texture.outputs:rgb>
+            token outputs:surface
+        }
+
+        def Shader "Texture"
+        {
+            uniform token info:id = "UsdUVTexture"
+            asset inputs:file = @tex/halves.png@
+            float2 inputs:st.connect = </World/Painted/Reader.outputs:result>
+            float3 outputs:rgb
+        }
+
+        def Shader "Reader"
+        {
+            uniform token info:id = "UsdPrimvarReader_float2"
+            string inputs:varname = "st"
+            float2 outputs:result
+        }
+    }
+
+    def PointInstancer "Instances"
+    {
+        rel prototypes = </World/Instances/Cube>
+        int[] protoIndices = [0, 0, 0]
+        point3f[] positions = [(-3, 0, 0), (-3, 2, 0), (-3, 4, 0)]
+
+        def Cube "Cube"
+        {
+            double size = 1
+            color3f[] primvars:displayColor = [(0.8, 0.04, 0.04)]
+        }
+    }
+
+    def Points "Points"
+    {
+        point3f[] points = [(0, 0, 0), (0, 2, 0), (0, 1, 0)]
+        float[] widths = [0.9, 0.9, 0.9]
+        color3f[] primvars:displayColor = [(0.04, 0.5, 0.08)]
+    }
+
+    def Sphere "Moving"
+    {
+        color3f[] primvars:displayColor = [(0.03, 0.15, 0.8)]
+        double3 xformOp:translate.timeSamples = {
+            1: (3, 0, 0),
+            25: (3, 4, 0),
+        }
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }
+
+    def Xform "Chosen" (
+        variants = {
+            string look = "red"
+        }
+        prepend variantSets = "look"
+    )
+    {
+        double3 xformOp:translate = (6, 1, 0)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+        variantSet "look" = {
+            "red" {
+                def Cube "Shape"
+                {
+                    color3f[] primvars:displayColor = [(0.8, 0.04, 0.04)]
+                }
+            }
+            "blue" {
+                def Cube "Shape"
+                {
+                    color3f[] primvars:displayColor = [(0.03, 0.15, 0.8)]
+                }
+            }
+        }
+    }
+
+    def Camera "Front"
+    {
+        double3 xformOp:translate = (0, 1, 30)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }
+}
+"""
+
+
+def png(width: int, rows: list[list[int]]) -> bytes:
+    """A picture with these rows of red, green and blue."""
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    lines = b"".join(b"\0" + bytes(row) for row in rows)
+    header = struct.pack(">IIBBBBB", width, len(rows), 8, 2, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(lines)) + chunk(b"IEND", b"")
+
+
+def test_textures_instances_points_times_and_variants_are_drawn(project, serve, gateways, screens):
+    (project / "root.usda").write_text(KINDS)
+    (project / "tex").mkdir()
+    # The upper half is blue, the lower one red.
+    (project / "tex" / "halves.png").write_bytes(png(8, [[10, 20, 200] * 8] * 4 + [[200, 10, 10] * 8] * 4))
+    server = serve(project)
+    screen = screens(gateways(server)).opened()
+    screen.tab.select_option("[aria-label='Camera']", "/World/Front")
+    screen.until("usdlivePage.stageCamera.value === '/World/Front'")
+    x, y = screen.until(lambda: screen.place("/World/Textured"))
+    screen.until(lambda: is_blue(screen.color_at((x, y - 12))) and is_red(screen.color_at((x, y + 12))), "the texture, V upwards")
+    screen.shot("kinds")
+    for path, looks in {"/World/Instances": is_red, "/World/Points": is_green, "/World/Moving": is_blue, "/World/Chosen": is_red}.items():
+        assert looks(screen.color(path)), path
+    left, right = screen.place("/World/Instances"), screen.place("/World/Moving")
+    assert left[0] < x + 250 and screen.place("/World/Points")[0] < right[0], "the camera of the stage looks"
+
+    screen.tab.fill("[aria-label='Time code']", "25")
+    screen.until(lambda: screen.place("/World/Moving")[1] < right[1] - 40, "the sphere is where it is at this time")
+    assert is_blue(screen.color("/World/Moving"))
+    screen.shot("kinds")
+
+    screen.select("/World/Chosen")
+    screen.tab.select_option("[aria-label=Variants] select", "blue")
+    screen.until(lambda: screen.place("/World/Chosen") and is_blue(screen.color("/World/Chosen")), "the other variant")
+    screen.tab.keyboard.press("Escape")
 
 
 def test_the_tree_is_searched_and_walked_with_keys(studio, gateways, screens):

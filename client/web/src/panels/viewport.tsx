@@ -272,6 +272,12 @@ export function TimeBar(): JSX.Element | null {
     return () => clearInterval(timer);
   }, [isPlaying.value]);
 
+  // A stage with a range of times has no pose at its default time: the first viewer begins at the start.
+  const isAtDefault = welcome !== undefined && welcome.time === null && session.state.value?.time == null;
+  useEffect(() => {
+    if (isAtDefault && end > start) void session.edit("time", { time: start }, "");
+  }, [isAtDefault, welcome?.stage, start, end]);
+
   if (!(end > start)) return null;
   return (
     <section class="time-bar" aria-label="Time of the stage">

@@ -9,10 +9,11 @@ import {
   type Object3D,
   Points,
   PointsMaterial,
+  type PointsMaterialParameters,
 } from "three";
 import { type BlobAnswer, Blobs } from "../core/blobs";
 import { decodeGeometry } from "../core/geometry";
-import type { Item, PrimId, Purpose, Subset } from "../core/protocol";
+import type { Item, PrimId, Purpose, Subset, Vec3 } from "../core/protocol";
 import type { SceneChanges, SceneStore } from "../core/scene";
 import { extendBox, worldMatrix } from "./bounds";
 import { DEFAULT_COLOR, Groups, type Part } from "./groups";
@@ -74,8 +75,14 @@ export class Content {
     const instancers = new Set(changes.instances);
     for (const id of items) this.update(id, instancers);
     for (const id of changes.moved) if (!items.has(id)) this.move(id, instancers);
-    for (const id of changes.colors) if (!items.has(id)) this.color(id);
-    for (const id of instancers) this.instancers.update(id, (item) => this.prototypeParts(item));
+    for (const id of changes.colors) if (!items.has(id)) this.color(id, instancers);
+    for (const id of instancers) {
+      this.instancers.update(
+        id,
+        (item) => this.prototypeParts(item),
+        (item) => colorOf(this.store.items.get(item)),
+      );
+    }
     this.groups.flush();
     return items.size > 0;
   }
@@ -135,6 +142,15 @@ export class Content {
       if (problem) return problem;
     }
     return undefined;
+  }
+
+  /** Sets the size of points for a camera: three.js does not look at its angle. `lens` is its height at distance 1, inverse. */
+  setLens(lens: number): void {
+    for (const single of this.singles.values()) {
+      if (!(single instanceof Points)) continue;
+      const { width } = single.material.userData as { width: number };
+      if (width > 0) single.material.size = width * lens;
+    }
   }
 
   get draws(): number {
@@ -235,9 +251,10 @@ export class Content {
     }
   }
 
-  private color(id: PrimId): void {
+  private color(id: PrimId, instancers: Set<PrimId>): void {
     const item = this.store.items.get(id);
     if (!item) return;
+    if (item.prototypeOf !== undefined) instancers.add(item.prototypeOf);
     if (!item.material) this.groups.color(id, colorOf(item));
     this.singles.get(id)?.material.color.copy(linear(colorOf(item)));
   }
@@ -280,10 +297,7 @@ export class Content {
     const single: Single =
       shape.geometry.kind === "curves"
         ? new LineSegments(shape.whole, new LineBasicMaterial(options))
-        : new Points(
-            shape.whole,
-            new PointsMaterial({ ...options, size: width > 0 ? width : 3, sizeAttenuation: width > 0 }),
-          );
+        : new Points(shape.whole, pointsMaterial(width, options));
     single.matrixAutoUpdate = false;
     single.matrix.copy(worldMatrix(this.store, item.id));
     single.matrixWorldNeedsUpdate = true;
@@ -293,14 +307,27 @@ export class Content {
   }
 }
 
+/** Round points of a width in units of the scene, or of 3 pixels without a width. */
+function pointsMaterial(width: number, options: PointsMaterialParameters): PointsMaterial {
+  const material = new PointsMaterial({ ...options, size: width > 0 ? width : 3, sizeAttenuation: width > 0 });
+  material.userData.width = width;
+  material.onBeforeCompile = (shader) => {
+    shader.fragmentShader = shader.fragmentShader.replace(
+      "#include <clipping_planes_fragment>",
+      "#include <clipping_planes_fragment>\n  if (length(gl_PointCoord - 0.5) > 0.5) discard;",
+    );
+  };
+  return material;
+}
+
 function uses(item: Item, materials: ReadonlySet<string>): boolean {
   return materials.has(item.material ?? "") || (item.subsets ?? []).some(({ material }) => materials.has(material));
 }
 
 /** The instances of a material have white: the material has the color. */
-function colorOf(item: Item): [number, number, number] {
-  if (item.material) return [1, 1, 1];
-  return item.color ?? DEFAULT_COLOR;
+function colorOf(item: Item | undefined): Vec3 {
+  if (item?.material) return [1, 1, 1];
+  return item?.color ?? DEFAULT_COLOR;
 }
 
 /** Returns the subsets in order, with the item's own material for the triangles that are in none. */

@@ -1,8 +1,8 @@
 // Draws the instances of PointInstancers: one instanced mesh for each part of a prototype.
-import { DynamicDrawUsage, InstancedMesh, type Object3D } from "three";
+import { DynamicDrawUsage, InstancedBufferAttribute, InstancedMesh, type Object3D } from "three";
 import { inverse, multiply, writeColumns } from "../core/affine";
 import { MATRIX_SIZE } from "../core/batch";
-import type { PrimId } from "../core/protocol";
+import type { PrimId, Vec3 } from "../core/protocol";
 import type { SceneStore } from "../core/scene";
 import type { Part } from "./groups";
 
@@ -25,8 +25,8 @@ export class Instancers {
     this.meshes.delete(id);
   }
 
-  /** Draws all instances of an instancer again. `partsOf` returns what an item of a prototype draws. */
-  update(id: PrimId, partsOf: (item: PrimId) => Part[]): void {
+  /** Draws all instances of an instancer again. `partsOf` and `colorOf` say how an item of a prototype looks. */
+  update(id: PrimId, partsOf: (item: PrimId) => Part[], colorOf: (item: PrimId) => Vec3): void {
     this.remove(id);
     const instances = this.store.instances.get(id);
     const roots = this.store.items.get(id)?.instances?.prototypes ?? [];
@@ -44,10 +44,13 @@ export class Instancers {
         const parts = partsOf(item.id);
         if (parts.length === 0) continue;
         const matrices = this.matrices(id, item.id, toRoot, slots, instances.values);
+        const colors = new Float32Array(3 * slots.length);
+        for (let at = 0; at < colors.length; at += 3) colors.set(colorOf(item.id), at);
         for (const part of parts) {
           const mesh = new InstancedMesh(part.geometry, part.material(), slots.length);
           mesh.instanceMatrix.setUsage(DynamicDrawUsage);
           mesh.instanceMatrix.array.set(matrices);
+          mesh.instanceColor = new InstancedBufferAttribute(colors, 3);
           mesh.frustumCulled = false;
           mesh.userData.owner = id;
           meshes.push(mesh);

@@ -18,7 +18,7 @@ interface Strength {
 
 export class Lights {
   private readonly made: Object3D[] = [];
-  private readonly key = new DirectionalLight(0xffffff, 1.9);
+  private readonly key = new DirectionalLight(0xffffff, 2.3);
   private readonly fill = new HemisphereLight(0xffffff, 0x8a8580, FILL);
 
   constructor(

@@ -319,6 +319,7 @@ export class Viewport {
     const camera = this.activeCamera();
     this.gizmo.camera = camera;
     this.gizmo.follow();
+    this.content.setLens(camera.projectionMatrix.elements[5] as number);
     this.scene.updateMatrixWorld();
     this.renderer.clear();
     this.renderer.render(this.scene, camera);
