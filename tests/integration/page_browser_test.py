@@ -515,6 +515,9 @@ def test_properties_show_each_opinion_and_take_values(studio, gateways, screens,
     tab.keyboard.press("Tab")
     tab.locator("[data-property='primvars:displayColor'] .property-name").click()
 
+    tab.locator(f"{radius} .opinion.strongest button").click()
+    screen.until(lambda: value_of(ada, "/World/Ball.radius") == 1, "the weaker opinion is left")
+
     tab.locator("button:has-text('Hide')").click()
     screen.until(lambda: value_of(ada, "/World/Ball.visibility") == "invisible", "the ball was hidden")
     screen.until(lambda: screen.place("/World/Ball") is None, "it left the picture")

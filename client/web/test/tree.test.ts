@@ -106,3 +106,24 @@ test("a failed load says why, and the tree works on", async () => {
   await settled();
   expect([model.rows.length, model.problem]).toEqual([1002, ""]);
 });
+
+test("an answer from before a reset is ignored", async () => {
+  const stage = new Stage();
+  const answers: (() => void)[] = [];
+  const model = new TreeModel(
+    async (path, from, count) => {
+      const { length } = answers;
+      await new Promise<void>((resolve) => answers.push(resolve));
+      const page = await stage.load(path, from, count);
+      return length === 0 ? { total: 1, items: [stage.entry("/Old")] } : page;
+    },
+    () => undefined,
+  );
+  model.reset();
+  model.reset();
+  answers[1]?.();
+  await settled();
+  answers[0]?.();
+  await settled();
+  expect(names(model)).toEqual(["Deep", "Many"]);
+});

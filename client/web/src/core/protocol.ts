@@ -147,6 +147,11 @@ export interface LayerNode {
   missing: boolean;
 }
 
+/** The names of the layers of a stack, each before its sublayers. */
+export function namesOf(layers: readonly LayerNode[]): string[] {
+  return [...new Set(layers.flatMap(({ layer, children }) => [layer, ...namesOf(children)]))];
+}
+
 export interface StateMessage {
   type: "state";
   connected: boolean;

@@ -3,7 +3,7 @@ import { useSignal } from "@preact/signals";
 import type { JSX } from "preact";
 import { useEffect } from "preact/hooks";
 import { ago } from "../core/format";
-import type { Json, LayerNode } from "../core/protocol";
+import { type Json, namesOf } from "../core/protocol";
 import { RequestError } from "../core/requests";
 import { textOf } from "../state/session";
 import { usePage } from "./context";
@@ -131,8 +131,4 @@ function Explain(): JSX.Element {
       </table>
     </section>
   );
-}
-
-function namesOf(layers: LayerNode[]): string[] {
-  return layers.flatMap(({ layer, children }) => [layer, ...namesOf(children)]);
 }

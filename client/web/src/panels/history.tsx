@@ -3,7 +3,7 @@ import { useSignal } from "@preact/signals";
 import type { JSX } from "preact";
 import { useEffect } from "preact/hooks";
 import { ago, lastOf } from "../core/format";
-import type { Json } from "../core/protocol";
+import { type Json, namesOf } from "../core/protocol";
 import { textOf } from "../state/session";
 import { usePage } from "./context";
 import { Icon } from "./icons";
@@ -17,6 +17,8 @@ interface Commit {
   paths?: string[];
   edits?: number;
   text?: string;
+  /** The author's own name for the work. */
+  label?: string;
 }
 
 interface Checkpoint {
@@ -45,9 +47,16 @@ export function HistoryPanel(): JSX.Element {
   const checkpoints = useSignal<Checkpoint[]>([]);
   const problem = useSignal("");
   const user = useSignal("");
+  const layer = useSignal("");
+  const hours = useSignal(0);
   const isOfSelection = useSignal(false);
   const path = isOfSelection.value ? session.selection.value.at(-1) : undefined;
-  const filter = { ...(user.value === "" ? {} : { user: user.value }), ...(path === undefined ? {} : { path }) };
+  const filter: { [key: string]: Json } = {
+    ...(user.value === "" ? {} : { user: user.value }),
+    ...(layer.value === "" ? {} : { layer: layer.value }),
+    ...(hours.value === 0 ? {} : { since: `${hours.value}h` }),
+    ...(path === undefined ? {} : { path }),
+  };
 
   async function load(before: number | undefined): Promise<void> {
     try {
@@ -78,7 +87,7 @@ export function HistoryPanel(): JSX.Element {
       void loadCheckpoints();
     }, RELOAD_PAUSE_MS);
     return () => clearTimeout(timer);
-  }, [revision, user.value, path, isOpen]);
+  }, [revision, user.value, layer.value, hours.value, path, isOpen]);
 
   const users = [
     ...new Set([...commits.value.map((commit) => commit.user), ...(user.value ? [user.value] : [])]),
@@ -99,6 +108,37 @@ export function HistoryPanel(): JSX.Element {
             {users.map((name) => (
               <option key={name} value={name}>
                 {name}
+              </option>
+            ))}
+          </select>
+        </label>
+        <label>
+          In{" "}
+          <select
+            value={layer.value}
+            onChange={(event) => {
+              layer.value = event.currentTarget.value;
+            }}
+          >
+            <option value="">all layers</option>
+            {namesOf(session.layers.value).map((name) => (
+              <option key={name} value={name}>
+                {name}
+              </option>
+            ))}
+          </select>
+        </label>
+        <label>
+          Since{" "}
+          <select
+            value={hours.value}
+            onChange={(event) => {
+              hours.value = Number(event.currentTarget.value);
+            }}
+          >
+            {[0, 1, 24, 168].map((one) => (
+              <option key={one} value={one}>
+                {one === 0 ? "the beginning" : one === 1 ? "an hour ago" : `${one / 24} d ago`}
               </option>
             ))}
           </select>
@@ -261,7 +301,7 @@ function CommitRow({ commit, checkpoint }: { commit: Commit; checkpoint: string 
     }
   }
 
-  const what = commit.text ?? (commit.paths ?? []).map(lastOf).join(", ");
+  const what = commit.label || commit.text || (commit.paths ?? []).map(lastOf).join(", ");
   const isShown = session.state.value?.past === commit.revision;
   return (
     <li class={`commit${isShown ? " shown" : ""}`} data-commit={commit.revision}>

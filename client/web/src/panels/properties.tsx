@@ -3,7 +3,7 @@ import { useSignal, useSignalEffect } from "@preact/signals";
 import type { JSX } from "preact";
 import { useEffect } from "preact/hooks";
 import { ago, lastOf, widgetFor } from "../core/format";
-import type { Json, Opinion, PrimProperties, Property } from "../core/protocol";
+import { type Json, namesOf, type Opinion, type PrimProperties, type Property } from "../core/protocol";
 import { textOf } from "../state/session";
 import { usePage } from "./context";
 import { Icon } from "./icons";
@@ -108,6 +108,7 @@ function PrimActions({ prim }: { prim: PrimProperties }): JSX.Element {
   const page = usePage();
   const { session } = page;
   const visibility = prim.properties.find(({ name }) => name === "visibility");
+  const isActive = !/^false$/i.test(String(prim.metadata.active ?? "true"));
   const isInvisible = visibility?.value === "invisible" || visibility?.valueText === "invisible";
   return (
     <div class="actions">
@@ -122,6 +123,14 @@ function PrimActions({ prim }: { prim: PrimProperties }): JSX.Element {
           <Icon name={isInvisible ? "hidden" : "eye"} /> {isInvisible ? "Show" : "Hide"}
         </button>
       )}
+      <button
+        type="button"
+        class="small"
+        disabled={!session.mayEdit || prim.editable === false}
+        onClick={() => void session.edit("activate", { path: prim.path, active: !isActive }, prim.path)}
+      >
+        {isActive ? "Deactivate" : "Activate"}
+      </button>
       <button type="button" class="small" onClick={() => page.viewport.value?.frameOn([prim.path])}>
         <Icon name="frame" /> Frame
       </button>
@@ -226,7 +235,7 @@ function PropertyRow(props: { property: Property; path: string; mayEdit: boolean
         </div>
       </div>
       <Refusal path={place} />
-      {isOpen.value && <Details property={property} path={path} />}
+      {isOpen.value && <Details property={property} path={path} mayEdit={mayEdit} />}
     </div>
   );
 }
@@ -252,8 +261,11 @@ function Paths({ paths }: { paths: string[] }): JSX.Element {
 }
 
 /** Shows all of one property: every opinion in the layer stack, the strongest first. */
-function Details({ property, path }: { property: Property; path: string }): JSX.Element {
+function Details(props: { property: Property; path: string; mayEdit: boolean }): JSX.Element {
+  const { property, path } = props;
   const { session } = usePage();
+  const layers = namesOf(session.layers.value);
+  const mayEdit = props.mayEdit && !property.relationship && !property.animated;
   const opinions = useSignal<Opinion[]>(property.opinions);
   useEffect(() => {
     let isOld = false;
@@ -293,6 +305,21 @@ function Details({ property, path }: { property: Property; path: string }): JSX.
                 </span>
               </div>
               <code>{opinion.valueText}</code>
+              {mayEdit && layers.includes(opinion.layer) && (
+                <button
+                  type="button"
+                  class="link"
+                  onClick={() =>
+                    void session.edit(
+                      "set",
+                      { path, name: property.name, value: null, layer: opinion.layer },
+                      `${path}.${property.name}`,
+                    )
+                  }
+                >
+                  Remove this opinion
+                </button>
+              )}
             </li>
           ))}
         </ol>
