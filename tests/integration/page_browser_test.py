@@ -564,6 +564,35 @@ def drag_begins(tab, x: float, y: float, screen: Screen) -> bool:
     return True
 
 
+def test_two_pages_and_an_editor_move_the_same_prim(studio, gateways, screens, editor):
+    gateway = gateways(studio)
+    one, other = screens(gateway).opened(), screens(gateway, width=800, height=600).opened()
+    other.tab.click("#tab-people")
+    other.tab.click("text=Change name")
+    other.tab.fill("[aria-label='Your name']", "ben")
+    other.tab.keyboard.press("Enter")
+    other.sees("ben")
+    other.opened()
+    other.select("/World/Box")
+    one.until("[...document.querySelectorAll('.scene-label')].some(label => label.textContent === 'ben')", "the other page's selection")
+    ada = editor(studio, "ada", "root.usda")
+    x = "[data-property='xformOp:translate'] input >> nth=0"
+    one.select("/World/Box")
+    other.tab.click("#tab-properties")
+    for value, tab in ((-2, one.tab), (1, other.tab), (-1, one.tab)):
+        tab.fill(x, str(value))
+        tab.keyboard.press("Enter")
+        for screen in (one, other):
+            screen.until(lambda now=value, at=screen: at.tab.input_value(x) == str(now), f"both show {value}")
+        screen.until(lambda now=value: value_of(ada, "/World/Box.xformOp:translate")[0] == now, "and the editor has it")
+    ada.run("stage.GetAttributeAtPath('/World/Box.xformOp:translate').Set((4, 0, 1))")
+    ada.flush()
+    for screen in (one, other):
+        screen.until(lambda at=screen: at.tab.input_value(x) == "4", "both follow the editor")
+    one.tab.click("#tab-history")
+    one.until("[...document.querySelectorAll('.commit-user')].some(user => user.textContent === 'ben')", "ben is an author")
+
+
 def test_a_lock_of_somebody_else_is_shown_where_it_refuses(studio, gateways, screens, editor):
     screen = screens(gateways(studio)).opened()
     ada = editor(studio, "ada", "root.usda")

@@ -344,7 +344,7 @@ export class Viewport {
     this.hasEnvironment = true;
     requestAnimationFrame(() => {
       this.scene.environment = makeEnvironment(this.renderer);
-      this.scene.environmentIntensity = 0.5;
+      this.scene.environmentIntensity = 0.35;
       this.requestFrame();
     });
   }
