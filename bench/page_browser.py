@@ -55,7 +55,7 @@ def stage(prims: int) -> str:
         double3 xformOp:translate = ({number % 100 * 3}, {number // 100 * 3}, 0)
         uniform token[] xformOpOrder = ["xformOp:translate"]
     }}''' for number in range(prims))
-    return f'#usda 1.0\\n(\\n    upAxis = "Z"\\n)\\n\\ndef Xform "World"\\n{{\\n{cubes}\\n}}\\n'
+    return f'#usda 1.0\n(\n    upAxis = "Z"\n)\n\ndef Xform "World"\n{{\n{cubes}\n}}\n'
 
 
 def edit(url: str, moving: int, seconds: float) -> None:

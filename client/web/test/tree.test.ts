@@ -127,3 +127,14 @@ test("an answer from before a reset is ignored", async () => {
   await settled();
   expect(names(model)).toEqual(["Deep", "Many"]);
 });
+
+test("a change while a page is loaded is not lost", async () => {
+  const { stage, model } = await opened();
+  model.expand("/Many");
+  await settled();
+  model.invalidate(["/Many"], true, false);
+  stage.many = 2;
+  model.invalidate(["/Many"], true, false);
+  await settled();
+  expect(names(model)).toEqual(["Deep", "Many", "  P0", "  P1"]);
+});

@@ -14,6 +14,8 @@ interface Node {
   total: number;
   items: (TreeEntry | undefined)[];
   loading: Set<number>;
+  /** Pages that changed while they were loaded. */
+  again: Set<number>;
 }
 
 const PAGE = 200;
@@ -114,8 +116,11 @@ export class TreeModel {
   }
 
   private async loadPage(path: string, page: number, again = false): Promise<void> {
-    const node = this.nodes.get(path) ?? { total: 0, items: [], loading: new Set<number>() };
-    if (node.loading.has(page)) return;
+    const node = this.nodes.get(path) ?? { total: 0, items: [], loading: new Set<number>(), again: new Set<number>() };
+    if (node.loading.has(page)) {
+      if (again) node.again.add(page);
+      return;
+    }
     if (!again && node.items[page * PAGE] !== undefined) return;
     this.nodes.set(path, node);
     node.loading.add(page);
@@ -138,6 +143,7 @@ export class TreeModel {
       node.loading.delete(page);
     }
     this.update();
+    if (node.again.delete(page)) await this.loadPage(path, page, true);
   }
 
   private update(): void {

@@ -7,6 +7,7 @@ import { type Json, namesOf } from "../core/protocol";
 import { textOf } from "../state/session";
 import { usePage } from "./context";
 import { Icon } from "./icons";
+import { useRefresh } from "./refresh";
 
 interface Commit {
   revision: number;
@@ -80,14 +81,16 @@ export function HistoryPanel(): JSX.Element {
 
   const revision = session.state.value?.revision ?? 0;
   const isOpen = session.line.value.state === "open";
-  useEffect(() => {
-    if (!isOpen) return undefined;
-    const timer = setTimeout(() => {
+  const choice = JSON.stringify(filter);
+  useRefresh(
+    () => {
+      if (!isOpen) return;
       void load(undefined);
       void loadCheckpoints();
-    }, RELOAD_PAUSE_MS);
-    return () => clearTimeout(timer);
-  }, [revision, user.value, layer.value, hours.value, path, isOpen]);
+    },
+    RELOAD_PAUSE_MS,
+    [revision, choice, isOpen],
+  );
 
   const users = [
     ...new Set([...commits.value.map((commit) => commit.user), ...(user.value ? [user.value] : [])]),

@@ -1,16 +1,19 @@
 // The properties of the selected prim: values to edit, every opinion with its author, metadata, variants, relationships.
 import { useSignal, useSignalEffect } from "@preact/signals";
 import type { JSX } from "preact";
-import { useEffect } from "preact/hooks";
+import { useRef } from "preact/hooks";
 import { ago, lastOf, widgetFor } from "../core/format";
 import { type Json, namesOf, type Opinion, type PrimProperties, type Property } from "../core/protocol";
 import { textOf } from "../state/session";
 import { usePage } from "./context";
 import { Icon } from "./icons";
 import { Refusal } from "./overview";
+import { useRefresh } from "./refresh";
 import { typeOf, ValueEditor } from "./widgets";
 
 const RELOAD_PAUSE_MS = 100;
+/** The server searches the history for the author of an opinion. */
+const BLAME_PAUSE_MS = 1500;
 
 export function PropertiesPanel(): JSX.Element {
   const page = usePage();
@@ -35,27 +38,23 @@ export function PropertiesPanel(): JSX.Element {
   const time = session.state.value?.time ?? null;
   const past = session.state.value?.past ?? null;
   const resets = session.resets.value;
-  useEffect(() => {
-    if (path === undefined) return undefined;
-    let isOld = false;
-    const timer = setTimeout(
-      async () => {
-        try {
-          const answer = await session.ask("properties", { path, ...(time === null ? {} : { time }) });
-          if (isOld) return;
-          loaded.value = answer as unknown as PrimProperties;
-          problem.value = "";
-        } catch (error) {
-          if (!isOld) problem.value = textOf(error);
-        }
-      },
-      loaded.value?.path === path ? RELOAD_PAUSE_MS : 0,
-    );
-    return () => {
-      isOld = true;
-      clearTimeout(timer);
-    };
-  }, [path, time, past, resets, wish.value]);
+  const sent = useRef(0);
+  const shownNumber = useRef(0);
+  const load = async () => {
+    if (path === undefined) return;
+    const number = ++sent.current;
+    try {
+      const answer = await session.ask("properties", { path, ...(time === null ? {} : { time }) });
+      // An answer may be overtaken by a newer one, or belong to a prim that is no longer selected.
+      if (number < shownNumber.current || session.selection.value.at(-1) !== path) return;
+      shownNumber.current = number;
+      loaded.value = answer as unknown as PrimProperties;
+      problem.value = "";
+    } catch (error) {
+      if (session.selection.value.at(-1) === path) problem.value = textOf(error);
+    }
+  };
+  useRefresh(() => void load(), RELOAD_PAUSE_MS, [path, time, past, resets, wish.value], loaded.value?.path !== path);
 
   if (path === undefined)
     return <p class="empty">Select a prim in the picture or in the tree to see its properties.</p>;
@@ -266,22 +265,18 @@ function Details(props: { property: Property; path: string; mayEdit: boolean }):
   const { session } = usePage();
   const layers = namesOf(session.layers.value);
   const mayEdit = props.mayEdit && !property.relationship && !property.animated;
-  const opinions = useSignal<Opinion[]>(property.opinions);
-  useEffect(() => {
-    let isOld = false;
-    opinions.value = property.opinions;
+  const blamed = useSignal<Opinion[] | undefined>(undefined);
+  const blame = () => {
     session
       .ask("opinions", { path, name: property.name })
       .then((answer) => {
-        const found = (answer as unknown as { opinions?: Opinion[] } | null)?.opinions;
-        if (!isOld && found) opinions.value = found;
+        blamed.value = (answer as unknown as { opinions?: Opinion[] } | null)?.opinions;
       })
       // The opinions are shown without their authors then.
       .catch(() => undefined);
-    return () => {
-      isOld = true;
-    };
-  }, [property, path]);
+  };
+  useRefresh(blame, BLAME_PAUSE_MS, [property, path]);
+  const opinions = withAuthors(property.opinions, blamed.value ?? []);
   return (
     <div class="details">
       <div class="weak">
@@ -289,10 +284,10 @@ function Details(props: { property: Property; path: string; mayEdit: boolean }):
         {property.animated && ` · ${property.samples} time samples`}
       </div>
       {property.documentation && <p class="documentation">{property.documentation}</p>}
-      {opinions.value.length === 0 && <p class="weak">No layer has an opinion; this is the fallback of the schema.</p>}
-      {opinions.value.length > 0 && (
+      {opinions.length === 0 && <p class="weak">No layer has an opinion; this is the fallback of the schema.</p>}
+      {opinions.length > 0 && (
         <ol class="opinions">
-          {opinions.value.map((opinion, index) => (
+          {opinions.map((opinion, index) => (
             <li key={`${opinion.layer} ${opinion.path}`} class={index === 0 ? "opinion strongest" : "opinion"}>
               <div class="opinion-head">
                 <span class="opinion-layer" title={`${opinion.layer} ${opinion.path}`}>
@@ -326,6 +321,14 @@ function Details(props: { property: Property; path: string; mayEdit: boolean }):
       )}
     </div>
   );
+}
+
+/** The opinions with the authors of those that are still the same. */
+function withAuthors(opinions: Opinion[], blamed: Opinion[]): Opinion[] {
+  return opinions.map((opinion) => {
+    const { layer, path, valueText } = opinion;
+    return blamed.find((one) => one.layer === layer && one.path === path && one.valueText === valueText) ?? opinion;
+  });
 }
 
 function Metadata({ metadata }: { metadata: { [key: string]: Json } }): JSX.Element | null {
