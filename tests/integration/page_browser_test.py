@@ -6,12 +6,13 @@ import contextlib
 import importlib.util
 import json
 import pathlib
+import re
 import shutil
 import struct
 import zlib
 
 import pytest
-from conftest import Peer
+from conftest import Peer, run
 from page_client import Gateway
 from page_screen import CHROMIUM, SOFTWARE, VIEWPORT, Screen
 from playwright.sync_api import sync_playwright
@@ -672,6 +673,43 @@ def test_the_page_says_when_server_or_gateway_are_away_and_recovers(studio, gate
     screen.until("document.querySelector('.line-state')?.dataset.state === 'good'", "the gateway is back", timeout=60)
     screen.opened()
     assert is_red(screen.color("/World/Box"))
+
+
+def test_a_person_signs_in_and_sees_and_does_what_the_server_allows(studio, project, gateways, screens):
+    tokens = {}
+    for name, role in (("vera", "viewer"), ("adam", "admin")):
+        tokens[name] = re.search(r"usdlive-token://\S+", run("user", "add", name, "--service", "--role", role, str(project))).group()
+    studio.stop()
+    studio.start()  # with users, who have to sign in
+    gateway = gateways(studio)
+    screen = screens(gateway)
+    screen.sees("Sign in")
+    screen.shot("sign-in")
+    screen.tab.fill("[aria-label=Token]", "0" * 64)
+    screen.tab.keyboard.press("Enter")
+    screen.until("document.querySelector('.dialog')?.innerText.includes('does not know this token')", "a wrong token is refused")
+    screen.tab.fill("[aria-label=Token]", tokens["vera"])
+    screen.tab.keyboard.press("Enter")
+    screen.opened()
+    screen.tab.click("#tab-people")
+    screen.sees("vera")
+    assert screen.run("document.querySelector('[aria-label=Move]').disabled"), "a viewer moves nothing"
+    assert not screen.run("document.querySelector('#tab-admin')")
+    screen.select("/World/Box")
+    screen.tab.click("#tab-properties")
+    screen.until("document.querySelector('[data-property=size] .value-text')?.innerText === '1.8'", "the value is a text")
+    assert not screen.run("[...Array(localStorage.length).keys()].some(at => localStorage.getItem(localStorage.key(at)).includes('token'))")
+
+    admin = screens(gateway)
+    admin.sees("Sign in")
+    admin.tab.fill("[aria-label=Token]", tokens["adam"])
+    admin.tab.keyboard.press("Enter")
+    admin.opened()
+    assert not admin.run("document.querySelector('[aria-label=Move]').disabled")
+    admin.tab.click("#tab-admin")
+    admin.sees("usdlive_sessions")
+    admin.sees("may edit")
+    admin.shot("admin")
 
 
 SCRIPT = "<img src=x onerror=alert(1)><script>alert(2)</script>"
