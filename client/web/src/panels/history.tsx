@@ -321,7 +321,7 @@ function CommitRow({ commit, checkpoint }: { commit: Commit; checkpoint: string 
           {commit.user || "(file)"}
         </span>
         <span class="weak">{ago(commit.at)}</span>
-        {session.mayEdit && (
+        {session.mayEdit && commit.user !== "" && (
           <button
             type="button"
             class="small quiet"
@@ -347,12 +347,7 @@ function CommitRow({ commit, checkpoint }: { commit: Commit; checkpoint: string 
       {problem.value && <p class="refusal">{problem.value}</p>}
       {reverted.value && (
         <fieldset class="dry-run" aria-label={`What a revert of ${commit.revision} does`}>
-          <p>
-            {reverted.value.edits ?? reverted.value.lines?.length ?? 0} edits go back
-            {(reverted.value.kept?.length ?? 0) > 0 &&
-              `, ${reverted.value.kept?.length} stay because others have written since`}
-            .
-          </p>
+          <p>{sentenceOf(reverted.value)}</p>
           <ul>
             {(reverted.value.lines ?? []).slice(0, 20).map((line) => (
               <li key={line}>{line}</li>
@@ -379,6 +374,15 @@ function CommitRow({ commit, checkpoint }: { commit: Commit; checkpoint: string 
       )}
     </li>
   );
+}
+
+function sentenceOf({ edits, lines, kept }: Reverted): string {
+  const count = edits ?? lines?.length ?? 0;
+  const stays = kept?.length ?? 0;
+  const goes = count === 1 ? "1 edit goes back" : `${count} edits go back`;
+  return stays === 0
+    ? `${goes}.`
+    : `${goes}, ${stays} ${stays === 1 ? "stays" : "stay"} because others have written since.`;
 }
 
 function CheckpointForm({ done }: { done: () => Promise<void> }): JSX.Element {

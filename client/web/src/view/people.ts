@@ -7,7 +7,7 @@ import {
   LineSegments,
   Matrix4,
   type Object3D,
-  type Vector3,
+  Vector3,
 } from "three";
 import type { Person } from "../core/protocol";
 import { textOn } from "./colors";
@@ -63,6 +63,12 @@ export class Frustums {
     }
     for (const id of left) this.remove(id);
     return labels;
+  }
+
+  /** Hides frustums around the own camera, which would be lines through the picture. */
+  hideNear(camera: Camera): void {
+    const place = new Vector3().setFromMatrixPosition(camera.matrixWorld);
+    for (const lines of this.shown.values()) lines.visible = lines.position.distanceTo(place) > 0.5 * lines.scale.x;
   }
 
   private lines(person: Person): LineSegments<BufferGeometry, LineBasicMaterial> {

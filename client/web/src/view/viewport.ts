@@ -318,6 +318,7 @@ export class Viewport {
     if (this.marksAreOld) this.updateMarks();
     const camera = this.activeCamera();
     this.gizmo.camera = camera;
+    this.frustums.hideNear(camera);
     this.gizmo.follow();
     this.content.setLens(camera.projectionMatrix.elements[5] as number);
     this.scene.updateMatrixWorld();
