@@ -175,7 +175,7 @@ def is_blue(color) -> bool:
 def test_the_picture_shows_the_stage_and_follows_an_editor(studio, gateways, screens, editor):
     screen = screens(gateways(studio)).opened()
     assert is_red(screen.color("/World/Box")) and is_blue(screen.color("/World/Ball")) and is_green(screen.color("/World/Cone"))
-    before = screen.place("/World/Box")
+    before = screen.found("/World/Box")
     ada = editor(studio, "ada", "root.usda")
     ada.run("UsdGeom.XformCommonAPI(stage.GetPrimAtPath('/World/Box')).SetTranslate((-3, 4, 1))")
     ada.flush()
@@ -201,12 +201,12 @@ def test_a_selection_and_a_camera_of_an_editor_are_seen_and_followed(studio, gat
         assert screen.run("[...document.querySelectorAll('.scene-label')].map(one => one.textContent)") == ["ada", "ada"]
         outline = screen.run("usdlivePage.session.people.value[0].color")
         wanted = [int(outline[at:at + 2], 16) for at in (1, 3, 5)]
-        around = screen.around(screen.place("/World/Box"), 180).astype(int)
+        around = screen.around(screen.found("/World/Box"), 180).astype(int)
         assert (abs(around - wanted).max(axis=2) < 24).sum() > 60, f"an outline of {outline}"
         screen.shot("presence")
         screen.tab.click("[aria-label='Follow ada']")
         screen.sees("Following ada")
-        before = screen.place("/World/Box")
+        before = screen.found("/World/Box")
     with ticking(ada, tmp_path / "flag", looking_from(-9, 9)):
         screen.until(lambda: screen.shift("/World/Box", before) > 40, "the view follows")
         screen.shot("following")
@@ -439,16 +439,16 @@ def test_textures_instances_points_times_and_variants_are_drawn(project, serve, 
     screen = screens(gateways(server)).opened()
     screen.tab.select_option("[aria-label='Camera']", "/World/Front")
     screen.until("usdlivePage.stageCamera.value === '/World/Front'")
-    x, y = screen.until(lambda: screen.place("/World/Textured"))
+    x, y = screen.found("/World/Textured")
     screen.until(lambda: is_blue(screen.color_at((x, y - 12))) and is_red(screen.color_at((x, y + 12))), "the texture, V upwards")
     screen.shot("kinds")
     for path, looks in {"/World/Instances": is_red, "/World/Points": is_green, "/World/Moving": is_blue, "/World/Chosen": is_red}.items():
         assert looks(screen.color(path)), path
-    left, right = screen.place("/World/Instances"), screen.place("/World/Moving")
-    assert left[0] < x + 250 and screen.place("/World/Points")[0] < right[0], "the camera of the stage looks"
+    left, right = screen.found("/World/Instances"), screen.found("/World/Moving")
+    assert left[0] < x + 250 and screen.found("/World/Points")[0] < right[0], "the camera of the stage looks"
 
     screen.tab.fill("[aria-label='Time code']", "25")
-    screen.until(lambda: screen.place("/World/Moving")[1] < right[1] - 40, "the sphere is where it is at this time")
+    screen.until(lambda: screen.found("/World/Moving")[1] < right[1] - 40, "the sphere is where it is at this time")
     assert is_blue(screen.color("/World/Moving"))
     screen.shot("kinds")
 
@@ -476,10 +476,10 @@ def test_the_tree_is_searched_and_walked_with_keys(studio, gateways, screens):
     assert screen.run("usdlivePage.session.selection.value") == ["/World/Cone"]
     tab.fill("[aria-label='Search prims']", "")
     screen.until("document.querySelector(\"[data-path='/World/Cone'][aria-selected=true]\")", "the tree shows what was found")
-    x, y = screen.place("/World/Box")
+    x, y = screen.found("/World/Box")
     tab.mouse.click(x, y)
     screen.until("usdlivePage.session.selection.value[0] === '/World/Box'", "a click into the picture selects")
-    before = screen.place("/World/Box")
+    before = screen.found("/World/Box")
     tab.keyboard.press("f")
     screen.until(lambda: screen.shift("/World/Box", before) > 20, "F frames the selection")
 
@@ -511,7 +511,7 @@ def test_properties_show_each_opinion_and_take_values(studio, gateways, screens,
     screen.until(lambda: value_of(ada, "/World/Ball.radius") == 2.25, "the value arrived at the editor")
     assert "2.25" in ada.text("anim.usda"), "the value went to the layer of the strongest opinion"
     tab.fill(f"{radius} input", "no number")
-    assert screen.run(f"document.querySelector('{radius} input').getAttribute('aria-invalid')") == "true"
+    screen.until(f"document.querySelector('{radius} input').getAttribute('aria-invalid') === 'true'")
     tab.keyboard.press("Escape")
     tab.keyboard.press("Tab")
     tab.locator("[data-property='primvars:displayColor'] .property-name").click()
@@ -537,7 +537,7 @@ def test_a_gizmo_moves_a_prim_with_previews_and_one_commit(studio, gateways, scr
     tab.keyboard.press("w")
     screen.until(f"usdlivePage.gizmo.value === 'translate' && {VIEWPORT}.isSettled")
     before, revision = value_of(ada, "/World/Box.xformOp:translate"), ada.flush()
-    x, y = screen.place("/World/Box")
+    x, y = screen.found("/World/Box")
     # The square in the middle of the handles moves along the plane of the picture.
     tab.mouse.move(x, y)
     screen.until(lambda: drag_begins(tab, x, y, screen), "the pointer is at a handle")
@@ -625,7 +625,7 @@ def test_a_lock_of_somebody_else_is_shown_where_it_refuses(studio, gateways, scr
 def test_the_past_is_shown_and_a_commit_is_taken_back(studio, gateways, screens, editor):
     screen = screens(gateways(studio)).opened()
     ada = editor(studio, "ada", "root.usda")
-    before = screen.place("/World/Box")
+    before = screen.found("/World/Box")
     old = ada.flush()
     ada.run("live.create_checkpoint('before lunch')")
     ada.run("UsdGeom.XformCommonAPI(stage.GetPrimAtPath('/World/Box')).SetTranslate((-3, 4, 1))")
@@ -658,7 +658,7 @@ def test_the_page_says_when_server_or_gateway_are_away_and_recovers(studio, gate
     assert is_red(screen.color("/World/Box")), "the picture stays"
     studio.start()
     screen.until("document.querySelector('.line-state')?.dataset.state === 'good'", "the server is back", timeout=60)
-    before = screen.place("/World/Box")
+    before = screen.found("/World/Box")
     ada = editor(studio, "ada", "root.usda")
     ada.run("UsdGeom.XformCommonAPI(stage.GetPrimAtPath('/World/Box')).SetTranslate((-3, 4, 1))")
     ada.flush()

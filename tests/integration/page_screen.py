@@ -33,8 +33,10 @@ class Screen:
         self.tab.goto(address)
 
     def _said(self, message) -> None:
-        # A line that is lost is a message of the browser, too.
-        if message.type == "error" and "WebSocket connection" not in message.text:
+        # The browser tells of lost lines, too, and of blobs that are gone or come later, which the page asks for again.
+        is_expected = "WebSocket connection" in message.text or (
+            message.text.startswith("Failed to load resource") and "/blob/" in message.location.get("url", ""))
+        if message.type == "error" and not is_expected:
             self.complaints.append(f"console: {message.text}")
 
     def _asked(self, dialog) -> None:
@@ -76,6 +78,10 @@ class Screen:
         found = self.run(f"path => {VIEWPORT}.placeOf(path)", path)
         return found and (found["x"], found["y"])
 
+    def found(self, path: str) -> tuple[float, float]:
+        """The place of a prim, when it is in the picture."""
+        return self.until(lambda: self.place(path), f"{path} is in the picture")
+
     def shift(self, path: str, before: tuple[float, float]) -> float:
         """By how many pixels a prim has moved to the side; not a number, which no comparison accepts, while it is not there."""
         found = self.place(path)
@@ -91,7 +97,7 @@ class Screen:
 
     def color(self, path: str) -> tuple[int, int, int]:
         """The colour at a prim's middle."""
-        return self.color_at(self.place(path))
+        return self.color_at(self.found(path))
 
     def select(self, path: str) -> None:
         self.run("path => window.usdlivePage.select(path, false)", path)
