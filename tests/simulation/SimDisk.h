@@ -2,6 +2,7 @@
 #pragma once
 
 #include <algorithm>
+#include <map>
 #include <memory>
 #include <utility>
 #include <vector>
@@ -47,11 +48,20 @@ public:
         return done;
     }
 
+    /// Drops big values, which return with an older history: a backup has those of then.
+    void drop(const std::vector<Hash>& values) {
+        for (const Hash& hash : values)
+            if (const auto size = blobs->size(hash))
+                if (auto value = blobs->read(hash, 0, std::size_t(*size)))
+                    dropped_.insert_or_assign(hash, std::move(*value));
+        blobs->drop(values);
+    }
+
     /// Forgets the newest commits, like a disk that reported a sync falsely, or (`older`) like a
     /// copy that was made before its last opening. Open it again afterwards.
     void rollBack(Revision to, bool older = false) {
         commits_.resize(std::min<std::size_t>(commits_.size(), to));
-        forgot = true;
+        forget();
         const auto before = std::exchange(store_, nullptr);
         writeAnew(*before, before->head().epoch - (older ? 1 : 0));
     }
@@ -75,7 +85,7 @@ public:
     /// Replaces the history, and returns the one before. Open the disk again afterwards.
     History put(History other) {
         store_.reset();
-        forgot = true;
+        forget();
         return {std::exchange(disk_, std::move(other.disk)),
                 std::exchange(commits_, std::move(other.commits))};
     }
@@ -84,6 +94,11 @@ public:
     [[nodiscard]] const std::vector<server::CommitRecord>& commits() const { return commits_; }
 
 private:
+    void forget() {
+        forgot = true;
+        for (const auto& [hash, value] : std::exchange(dropped_, {}))
+            (void)blobs->write(hash, value.size(), 0, value);
+    }
     void writeAnew(const server::CommitStore& before, Epoch epoch) {
         disk_ = server::createMemoryDisk(before.identity());
         store_ = server::createMemoryCommitStore(disk_);
@@ -107,6 +122,7 @@ private:
         server::createMemoryDisk(StoreId(std::string(32, 'a')));
     std::unique_ptr<server::CommitStore> store_ = server::createMemoryCommitStore(disk_);
     std::vector<server::CommitRecord> commits_;
+    std::map<Hash, Bytes> dropped_;
 };
 
 }  // namespace usdlive::simulation

@@ -152,7 +152,6 @@ private:
     std::int64_t blobUs_ = 0;
     server::NamedBlobs named_;
     std::uint64_t rounds_ = 0;     // rounds of collection
-    std::set<Hash> dropped_;       // dropped by one of these rounds
     std::uint64_t questions_ = 0;  // questions to the store
 };
 
