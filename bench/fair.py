@@ -3,10 +3,12 @@
     ./run bench fair [--cases edits,previews] [--rounds 6] [--seconds 3]
 
 A server whose users sign in. Ten users write 5 edits a second each; the delay from an edit until a colleague has its
-frame. Alone and beside the script of another user, in turn in the same run, `rounds` times each. The script is a
-process of its own with the lowest priority (nice 19), so that it is the server's work that competes and not the
-script's. p50 and p99 are the medians of those of the rounds, because the machine has moments of its own; `ratio` is p99
-beside it to p99 alone (aim: at most 1.1); `script` is what the script has done in a second.
+frame. Alone, beside the script of another user, and while that script works at another server of this machine
+("elsewhere"), in turn in the same run, `rounds` times each. The script is a process of its own with the lowest priority
+(nice 19), so that it is the server's work that competes and not the script's. p50 and p99 are the medians of those of
+the rounds, because the machine has moments of its own. `ratio` is p99 beside it to p99 elsewhere (aim: at most 1.1): what
+the users of one server cost each other. `ratioAlone` is p99 beside it to p99 alone, which contains that two cores have
+more to do. `script` is what the script has done in a second.
 Cases of the script:
 
     edits      one session that writes small edits as fast as the server takes them
@@ -311,44 +313,58 @@ class Editors:
         return [*self.noted, *[PATIENCE_SECONDS * 1e3] * late]
 
 
+def beside_script(case: str, editors: Editors, at: Server, seconds: float) -> tuple[list[float], dict, float]:
+    """Measures while the script works at a server. Returns the delays, what it has done, and the processor time of
+    that server."""
+    script = subprocess.Popen([sys.executable, __file__, "--script", case, "--port", str(at.port), "--token",
+                               at.tokens[-1]], stdout=subprocess.PIPE, text=True)
+    if script.stdout.readline() != "ready\n":
+        raise RuntimeError("the script has ended")
+    editors.crowd.until(lambda: False, 0.3)
+    before = at.cpu()
+    delays = editors.measure(seconds, beside=True)
+    busy = at.cpu() - before
+    script.terminate()
+    while script.poll() is None:
+        editors.is_quiet()
+    return delays, json.loads(script.stdout.read()), busy
+
+
 def measure(case: str, rounds: int, seconds: float) -> None:
-    with tempfile.TemporaryDirectory() as folder:
-        server = Server(pathlib.Path(folder))
+    with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryDirectory() as other_folder:
+        server, other = Server(pathlib.Path(folder)), Server(pathlib.Path(other_folder))
         try:
             editors = Editors(server)
             editors.measure(1)  # warms up
-            alone, beside, rates, closed, busy = [], [], [], 0, 0.0
+            alone, elsewhere, beside, rates, closed, busy = [], [], [], [], 0, 0.0
             for _ in range(rounds):
                 alone.append(editors.measure(seconds))
-                script = subprocess.Popen([sys.executable, __file__, "--script", case, "--port", str(server.port),
-                                           "--token", server.tokens[-1]], stdout=subprocess.PIPE, text=True)
-                if script.stdout.readline() != "ready\n":
-                    raise RuntimeError("the script has ended")
-                editors.crowd.until(lambda: False, 0.3)
-                before = server.cpu()
-                beside.append(editors.measure(seconds, beside=True))
-                busy += server.cpu() - before
-                script.terminate()
-                while script.poll() is None:
-                    editors.is_quiet()
-                found = json.loads(script.stdout.read())
+                elsewhere.append(beside_script(case, editors, other, seconds)[0])
+                editors.measure(0.1)  # until it is quiet
+                delays, found, cpu = beside_script(case, editors, server, seconds)
+                beside.append(delays)
+                busy += cpu
                 rates.append(found["rate"])
                 closed += found["closed"]
+
             def figure(of: list[list[float]], share: float) -> float:
                 return statistics.median(percentile(round, share) for round in of)
 
             print(json.dumps({
                 "bench": "fair", "case": case, "edits": sum(map(len, alone)) // (HONEST - 1),
                 "aloneP50Ms": round(figure(alone, 0.5), 2), "aloneP99Ms": round(figure(alone, 0.99), 2),
+                "elsewhereP50Ms": round(figure(elsewhere, 0.5), 2), "elsewhereP99Ms": round(figure(elsewhere, 0.99), 2),
                 "besideP50Ms": round(figure(beside, 0.5), 2), "besideP99Ms": round(figure(beside, 0.99), 2),
                 "besideMostMs": round(max(map(max, beside))), "aloneMostMs": round(max(map(max, alone))),
-                "ratio": round(figure(beside, 0.99) / figure(alone, 0.99), 2),
-                "ratioP50": round(figure(beside, 0.5) / figure(alone, 0.5), 2),
+                "ratio": round(figure(beside, 0.99) / figure(elsewhere, 0.99), 2),
+                "ratioP50": round(figure(beside, 0.5) / figure(elsewhere, 0.5), 2),
+                "ratioAlone": round(figure(beside, 0.99) / figure(alone, 0.99), 2),
                 "script": round(sum(rates) / len(rates)), "scriptSessionsClosed": closed,
                 "serverCpu": round(busy / seconds / rounds, 2)}), flush=True)
         finally:
-            server.process.kill()
-            server.process.wait()
+            for one in (server, other):
+                one.process.kill()
+                one.process.wait()
 
 
 def main() -> None:
