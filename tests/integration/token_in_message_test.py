@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import time
 
@@ -37,8 +38,9 @@ class Session:
     def __init__(self, url, *messages, subprotocols=(SUBPROTOCOL,)):
         self.socket = websockets.sync.client.connect(f"{url}/live", subprotocols=list(subprotocols) or None,
                                                      compression=None, close_timeout=0.5)
-        for message in messages:
-            self.socket.send(bytes(message))
+        with contextlib.suppress(websockets.exceptions.ConnectionClosed):  # refused after the first one
+            for message in messages:
+                self.socket.send(bytes(message))
 
     def __enter__(self):
         return self

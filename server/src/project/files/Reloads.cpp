@@ -50,7 +50,7 @@ void Reloads::reloadByItself(const LayerId& layer) {
 const Subject* Reloads::subjectOf(const Request& request) const {
     static const Subject kNobody;
     if (request.session == 0) return &kNobody;
-    const Session* session = sessions_->find(request.session);
+    const Session* session = sessions_->greeted(request.session);  // AC4: not one that is closing
     return session ? &session->subject : nullptr;
 }
 

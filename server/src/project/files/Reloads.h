@@ -76,7 +76,7 @@ private:
     void advance();
     void readLoaded(Request& request);
     void read(Request& request, const LayerId& layer, int attempt);
-    /// Returns whose request it is; nullptr if its session has ended.
+    /// Returns whose request it is; nullptr if its session has ended or is being closed.
     [[nodiscard]] const Subject* subjectOf(const Request& request) const;
     Result<void> take(const Subject& subject, const LayerId& layer, ReloadedLayer reloaded);
     void answer(const Request& request);

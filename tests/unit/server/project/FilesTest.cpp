@@ -296,6 +296,17 @@ TEST_F(FilesTest, FI3IsRefusedIfSomebodyElseHoldsALock) {
     EXPECT_TRUE(world.host.reloading.empty());
 }
 
+// The session may be closed because its user has lost the right to edit.
+TEST_F(FilesTest, AC4AReloadOfASessionThatIsBeingClosedIsNotMade) {
+    changeBehind();
+    world.receive(1, ControlMessage(ReloadLayers{5, {kLayer}}));
+    world.receive(1, ControlMessage(world.hello(1)));  // a second hello
+    ASSERT_TRUE(world.host.closed.contains(1));
+    read(other());
+    EXPECT_TRUE(world.host.appending.empty());
+    EXPECT_TRUE(*world.project->layer(kLayer) == World::sample());
+}
+
 TEST_F(FilesTest, FI3AReloadThatCouldNotBeStoredIsRepeated) {
     changeBehind();
     world.receive(1, ControlMessage(ReloadLayers{5, {kLayer}}));
