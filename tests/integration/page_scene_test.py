@@ -383,6 +383,10 @@ def baked(project, time: float) -> numpy.ndarray:
     layer = Sdf.Layer.CreateAnonymous(".usda")  # baking writes into it
     layer.ImportFromString((project / "root.usda").read_text())
     stage = Usd.Stage.Open(layer)
+    # Between the samples of the animation, OpenUSD sometimes bakes the pose of the sample before.
+    for attribute in stage.GetPrimAtPath("/Root/Skel/Anim").GetAttributes():
+        if attribute.GetNumTimeSamples():
+            attribute.Set(attribute.Get(time), time)
     UsdSkel.BakeSkinning(stage.Traverse(), Gf.Interval(time, time))
     prim = stage.GetPrimAtPath("/Root/Arm")
     world = UsdGeom.XformCache(Usd.TimeCode(time)).GetLocalToWorldTransform(prim)
