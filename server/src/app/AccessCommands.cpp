@@ -167,7 +167,7 @@ std::optional<std::string> servedContent(const std::filesystem::path& folder,
     return std::move(answer->body);
 }
 
-/// Returns an error if the rule names prims that no layer has which it is about.
+/// Returns an error if no layer that the rule is about has a prim that it names.
 Result<void> checkPaths(const Changed& changed, const std::vector<LayerId>& layers) {
     std::vector<std::string> missing;
     for (const std::string& glob : changed.paths)

@@ -26,9 +26,14 @@ void Gestures::receive(Session& session, PreviewFrame preview, std::size_t bytes
     std::vector<Hash> named;
     for (const Edit& edit : preview.edits)
         forEachBlob(edit.action, [&](const Value& blob) { named.push_back(blob.hash()); });
-    for (const auto& [author, gesture] :
-         previews_->keep(session.client, session.share, preview.gesture, {frame, std::move(named)}))
+    bool isKept = true;
+    for (const auto& [author, gesture] : previews_->keep(
+             session.client, session.share, preview.gesture, {frame, std::move(named)})) {
         withdraw(author, gesture);
+        if (author == session.client && gesture == preview.gesture) isKept = false;
+    }
+    // Nothing would withdraw a preview that is not kept.
+    if (!isKept) return;
     // A session that is behind is sent the preview when it has caught up.
     catchup_->sendPreview(preview, frame);
 }
