@@ -6,6 +6,7 @@
 #include <iterator>
 #include <nlohmann/json.hpp>
 
+#include "usdlive/common/core/OwnedFile.h"
 #include "usdlive/common/core/StoreId.h"
 
 namespace usdlive::server {
@@ -15,6 +16,8 @@ namespace {
 using Json = nlohmann::json;
 
 constexpr std::size_t kNameDigits = 32;
+// Server and command may run as different users.
+constexpr mode_t kReadableByAll = 0644;
 
 bool isCopyName(const std::string& name) {
     return name.size() == kNameDigits && std::ranges::all_of(name, [](char one) {
@@ -39,26 +42,15 @@ std::string textOf(const Json& json, const char* member) {
     return found != json.end() && found->is_string() ? found->get<std::string>() : std::string();
 }
 
-/// Others see the whole file or none.
-bool replaceWhole(const std::filesystem::path& path, const Json& json) {
-    const std::filesystem::path draft = path.string() + ".new";
-    {
-        std::ofstream file(draft, std::ios::binary | std::ios::trunc);
-        file << json.dump(-1, ' ', false, Json::error_handler_t::replace) << "\n";
-        file.close();
-        if (!file) return false;
-    }
-    std::error_code error;
-    std::filesystem::rename(draft, path, error);
-    return !error;
+std::string lineOf(const Json& json) {
+    return json.dump(-1, ' ', false, Json::error_handler_t::replace) + "\n";
 }
 
 }  // namespace
 
 Result<std::string> StoreCopyFile::ask() const {
     const std::string name = randomIdDigits();
-    if (replaceWhole(path_, {{"copy", name}})) return name;
-    return fail(ErrorCode::StorageFailed, "cannot write " + path_.string());
+    return replaceFile(path_, lineOf({{"copy", name}}), kReadableByAll).map([&] { return name; });
 }
 
 std::optional<Result<void>> StoreCopyFile::answer(const std::string& name) const {
@@ -79,7 +71,7 @@ std::optional<std::string> StoreCopyFile::read() const {
 void StoreCopyFile::writeAnswer(const std::string& name, const Result<void>& made) const {
     Json json{{"copy", name}};
     if (!made) json["error"] = made.error().message;
-    (void)replaceWhole(answerPath(), json);
+    (void)replaceFile(answerPath(), lineOf(json), kReadableByAll);
 }
 
 void StoreCopyFile::removeCopies() const {
