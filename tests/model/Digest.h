@@ -131,8 +131,8 @@ inline void digest(Digest& out, const TransactionId& part) {
     out(client, sequence);
 }
 inline void digest(Digest& out, const Transaction& part) {
-    const auto& [id, base, gesture, edits, seen] = part;
-    out(id, base, gesture, edits, seen);
+    const auto& [id, base, gesture, edits, seen, label] = part;
+    out(id, base, gesture, edits, seen, label);
 }
 inline void digest(Digest& out, const LayerDoc& part) {
     out(part.nextId());

@@ -18,8 +18,8 @@ static void digest(Digest& out, const CheckingResume& part) {
 }
 static void digest(Digest& out, const Subject& part) { out(part.user, std::uint64_t(part.role)); }
 static void digest(Digest& out, const server::Session& part) {
-    const auto& [id, phase, client, subject, application, features, open, compact, wasGreeted] =
-        part;
+    const auto& [id, phase, client, subject, share, application, features, open, compact,
+                 wasGreeted] = part;
     // Features are the same for all; compact frames are not among them.
     out(id, phase, client, subject, open);
 }
@@ -290,7 +290,7 @@ std::vector<Output> ModelServer::apply(Input input) {
     host_->now = this;
     switch (input.kind) {
         case Input::Connect:
-            project_->connected(input.session, std::nullopt);
+            project_->connected(input.session, std::nullopt, "");
             break;
         case Input::Disconnect:
             project_->disconnected(input.session);
