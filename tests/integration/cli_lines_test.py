@@ -19,7 +19,7 @@ LINES = {"ls": [], "who": [], "cat": ["root.usda"], "tree": ["root.usda"], "dump
          "restore": ["1", "root.usda"], "watch": ["root.usda"], "save": ["root.usda"], "reload": ["root.usda"],
          "upload": ["FILE", "a.png"], "checkpoint": ["lunch"], "checkpoints": [], "compact": [], "stat": [],
          "mute": ["root.usda", "set.usda"], "unmute": ["root.usda", "set.usda"], "lock": ["root.usda"],
-         "unlock": ["root.usda"]}
+         "unlock": ["root.usda"], "session": ["list"]}
 OPTIONS = {"dump": ["--composed"]}
 # These ask no server, or one that they are told in another way.
 LOCAL = {"access": ["--help"], "audit": ["--help"], "backup": ["--help"], "completion": ["bash"], "deny": ["--help"],
@@ -27,7 +27,7 @@ LOCAL = {"access": ["--help"], "audit": ["--help"], "backup": ["--help"], "compl
          "page": ["--help"], "revoke": ["--help"],
          "serve": ["--help"], "user": ["--help"]}
 LEAST = {"cat": 1, "tree": 1, "dump": 1, "flatten": 1, "blame": 2, "diff": 2, "revert": 1, "restore": 1, "upload": 2, "checkpoint": 1, "mute": 2, "unmute": 2, "lock": 1,
-         "unlock": 1}
+         "unlock": 1, "session": 1}
 
 
 def ended(verb, *words, **options):

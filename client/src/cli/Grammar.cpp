@@ -5,12 +5,14 @@
 #include <charconv>
 #include <cstdlib>
 #include <filesystem>
+#include <set>
 #include <span>
 
 #include "cli/Commands.h"
 #include "cli/ComposedCommands.h"
 #include "cli/HistoryCommands.h"
 #include "cli/RevertCommands.h"
+#include "cli/SessionCommands.h"
 #include "cli/Target.h"
 #include "history/Moment.h"
 #include "usdlive/common/core/LayerPath.h"
@@ -91,6 +93,7 @@ public:
         addDiff();
         addRevert();
         addRestore();
+        addSession();
         addPlain("watch", "Print new commits until interrupted", "[URL] [LAYER]", kOptional, watch);
         addSave();
         addPlain("reload", "Replace layers by the content of their files on the server",
@@ -468,6 +471,56 @@ private:
         verb->add_option("--path", options->path, "Only this spec and everything below it")
             ->type_name("PATH");
         verb->add_flag("--dry-run", options->dryRun, "Print what would be done, and do nothing");
+    }
+
+    void addSession() {
+        auto options = std::make_shared<SessionOptions>();
+        auto take = std::make_shared<std::string>();
+        const std::string usage =
+            "usdlive session list [URL], or usdlive session "
+            "create|end|restore|delete|merge [URL] NAME";
+        const auto read = [take, usage](Words words, SessionOptions& into) {
+            const std::set<std::string> verbs{"list",    "create", "end",
+                                              "restore", "delete", "merge"};
+            const auto url = std::ranges::find_if(words, looksLikeAddress);
+            Words server;
+            if (url != words.end()) {
+                server.push_back(*url);
+                words.erase(url);
+            }
+            if (words.empty() || !verbs.contains(words.front()))
+                usageError("say what to do: " + usage);
+            into.verb = words.front();
+            if (into.verb != "list" && words.size() < 2)
+                usageError("name a live session: " + usage);
+            if (words.size() > (into.verb == "list" ? 1 : 2))
+                usageError("too many words: " + usage);
+            if (into.verb != "list") into.name = words.back();
+            refuseAddress(into.name, usage, "one URL is enough");
+            into.target = serverOnly(server, usage);
+            if (*take == "main") into.take = client::Side::Into;
+            if (*take == "session") into.take = client::Side::From;
+            const bool hasMergeOptions = !take->empty() || into.dryRun || into.keep ||
+                                         !into.mainPaths.empty() || !into.sessionPaths.empty();
+            if (into.verb != "merge" && hasMergeOptions)
+                usageError("only merge has these options: " + usage);
+        };
+        auto* verb =
+            add("session", "Create, list, merge and end live sessions",
+                "list|create|end|restore|delete|merge [URL] [NAME]", options, read, liveSession);
+        verb->add_flag("--dry-run", options->dryRun,
+                       "merge: print what would be done, and do nothing");
+        verb->add_option("--take", *take,
+                         "merge: what counts where both have changed something:\n"
+                         "main or session")
+            ->check(CLI::IsMember({"main", "session"}))
+            ->type_name("LINE");
+        verb->add_option("--main", options->mainPaths, "merge: take main at this spec and below it")
+            ->type_name("PATH");
+        verb->add_option("--session", options->sessionPaths,
+                         "merge: take the session at this spec and below it")
+            ->type_name("PATH");
+        verb->add_flag("--keep", options->keep, "merge: do not end the live session");
     }
 
     void addUnlock() {

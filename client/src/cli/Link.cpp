@@ -197,7 +197,8 @@ Result<void> Link::fetchBlobs(std::set<Hash> missing, bool all) {
 
 SharedBytes Link::blob(const Hash& hash) {
     const auto found = blobs_.find(hash);
-    return found == blobs_.end() ? nullptr : found->second;
+    if (found != blobs_.end()) return found->second;
+    return lender_ ? lender_->blob(hash) : nullptr;
 }
 
 void Link::send(SharedBytes frames) { connection_->send(std::move(frames)); }

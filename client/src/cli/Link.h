@@ -71,6 +71,8 @@ public:
     Result<void> fetchBlobs(const Commit& commit);
 
     [[nodiscard]] SharedBytes blob(const Hash& hash) override;
+    /// Takes big values that are not here from another link, which must outlive this one.
+    void lend(Link& lender) { lender_ = &lender; }
 
 private:
     Link(std::unique_ptr<client::Connection> connection, UserName user);
@@ -92,6 +94,7 @@ private:
     std::unique_ptr<client::Session> session_;
     std::optional<client::FileUploads> uploads_;
     std::unordered_map<Hash, SharedBytes> blobs_;
+    Link* lender_ = nullptr;
     bool open_ = false;
     bool showsProgress_ = false;
 };

@@ -20,15 +20,19 @@ namespace usdlive::client {
 /// The address of a project: `ws://host:port`, or `wss://host:port` if the connection is encrypted,
 /// followed by `/project` if the server has several projects; or `dds://project`. A further path
 /// names a layer: `ws://127.0.0.1:7447/shot.usda`, `ws://127.0.0.1:7447/project/shot.usda`.
+/// `?session=NAME` at the end names a live session of the project (LV1).
 /// `usdlive://host:port` and `host:port` are encrypted if the server is known to be (KnownServers).
 struct ServerAddress {
     std::string host;
     std::uint16_t port = 7447;
-    std::string layer;         ///< empty: no layer
-    std::string project = {};  ///< empty: the server's only project
-    bool dds = false;          ///< with an empty project: all projects found
-    bool isSecure = false;     ///< the connection is encrypted with TLS
-    std::string token = {};    ///< the user's token; empty: the one that is known
+    std::string layer;  ///< empty: no layer
+    /// With that of a live session: `shots`, `shots?session=dusk`. Empty: the server's only
+    /// project,
+    /// `?session=dusk`: a live session of it.
+    std::string project = {};
+    bool dds = false;        ///< with an empty project: all projects found
+    bool isSecure = false;   ///< the connection is encrypted with TLS
+    std::string token = {};  ///< the user's token; empty: the one that is known
 
     [[nodiscard]] std::string url() const;
     /// Returns the text of the header Host, with the brackets of an IPv6 address.

@@ -56,13 +56,14 @@ Result<ListedProjects> listProjects(const ServerAddress& server,
 
 ServerAddress findProject(ServerAddress address, std::chrono::milliseconds timeout) {
     const auto slash = address.layer.find('/');
-    if (address.dds || !address.project.empty() || slash == std::string::npos) return address;
+    const bool hasProject = !address.project.empty() && !address.project.starts_with('?');
+    if (address.dds || hasProject || slash == std::string::npos) return address;
     const auto projects = listProjects(address, timeout);
     if (!projects || !projects->areSeveral) return address;
     const std::string first = address.layer.substr(0, slash);
     for (const ListedProject& project : projects->all) {
         if (project.name != first) continue;
-        address.project = first;
+        address.project.insert(0, first);  // before that of a live session
         address.layer.erase(0, slash + 1);
         return address;
     }

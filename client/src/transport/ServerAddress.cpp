@@ -21,10 +21,10 @@ enum class Encrypted { Yes, No, IfKnown };
 constexpr std::array<std::pair<std::string_view, Encrypted>, 3> kSchemes{
     {{"ws://", Encrypted::No}, {"wss://", Encrypted::Yes}, {"usdlive://", Encrypted::IfKnown}}};
 constexpr std::string_view kDds = "dds://";
+constexpr std::string_view kSession = "?session=";
 constexpr std::string_view kHint =
     "expected ws://HOST:PORT, wss://HOST:PORT, ws://HOST:PORT/PROJECT, HOST:PORT, dds://PROJECT, "
-    "or "
-    "one with /LAYER";
+    "one with /LAYER, or one with ?session=NAME at its end";
 
 tl::unexpected<Error> badAddress(const std::string& text, const std::string& what) {
     return fail(ErrorCode::InvalidArgument, "'" + text + "' is not the address of a server: " +
@@ -141,23 +141,8 @@ Result<ServerAddress> parseDds(const std::string& text) {
     return withLayer(std::move(address), rest, slash, text);
 }
 
-}  // namespace
-
-std::string ServerAddress::hostAndPort() const { return serverName(host, port); }
-
-std::string ServerAddress::url() const {
-    if (dds) {
-        const std::string text = std::string(kDds) + percentEncoded(project);
-        return layer.empty() ? text : text + "/" + percentEncoded(layer);
-    }
-    std::string text = (isSecure ? "wss://" : "ws://") + hostAndPort();
-    if (!project.empty()) text += "/" + percentEncoded(project);
-    if (!layer.empty()) text += "/" + percentEncoded(layer);
-    return text;
-}
-
-Result<ServerAddress> parseServerAddress(const std::string& pasted) {
-    const std::string text(trimmed(pasted));
+/// Reads an address without a live session.
+Result<ServerAddress> parseMainLine(const std::string& text) {
     if (hasScheme(text, kDds)) return parseDds(text);
     const auto unprefixed = withoutScheme(text);
     if (!unprefixed)
@@ -181,6 +166,36 @@ Result<ServerAddress> parseServerAddress(const std::string& pasted) {
     if (!encrypted) return tl::unexpected(encrypted.error());
     address.isSecure = *encrypted;
     return withPath(std::move(address), rest, slash, text);
+}
+
+}  // namespace
+
+std::string ServerAddress::hostAndPort() const { return serverName(host, port); }
+
+std::string ServerAddress::url() const {
+    const std::size_t end = std::min(project.find(kSession), project.size());
+    const std::string main = percentEncoded(project.substr(0, end));
+    std::string text =
+        dds ? std::string(kDds) + main
+            : (isSecure ? "wss://" : "ws://") + hostAndPort() + (main.empty() ? "" : "/" + main);
+    if (!layer.empty()) text += "/" + percentEncoded(layer);
+    if (end < project.size())
+        text += std::string(kSession) + percentEncoded(project.substr(end + kSession.size()));
+    return text;
+}
+
+Result<ServerAddress> parseServerAddress(const std::string& pasted) {
+    const std::string text(trimmed(pasted));
+    const std::size_t end = std::min(text.find(kSession), text.size());
+    auto address = parseMainLine(text.substr(0, end));
+    if (address && address->project.ends_with(kSession))
+        return badAddress(text, "it does not name a live session");
+    if (!address || end == text.size()) return address;
+    const auto name = percentDecoded(std::string_view(text).substr(end + kSession.size()));
+    if (!name) return badAddress(text, "a % is not followed by two hexadecimal digits");
+    if (name->empty()) return badAddress(text, "it does not name a live session");
+    address->project += std::string(kSession) + *name;
+    return address;
 }
 
 Result<std::unique_ptr<Connection>> createConnection(const ServerAddress& address) try {

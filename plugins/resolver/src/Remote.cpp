@@ -442,9 +442,13 @@ Remotes::Server& Remotes::serverOf(const Url& url) {
 
 std::optional<Located> Remotes::locateIn(Server& server, const Url& url) {
     const std::lock_guard lock(server.mutex);
-    if (!server.hasSeveral && server.projects.size() == 1)
-        return Located{server.projects.begin()->second, url.path};
     const std::string first = url.path.substr(0, url.path.find('/'));
+    const bool isLiveSession = first.find("?session=") != std::string::npos;  // LV1
+    if (isLiveSession && !server.projects.contains(first))
+        server.projects.emplace(
+            first, std::make_shared<RemoteProject>(url.host, url.port, first,
+                                                   "/" + urlEncoded(first), limits_, cache));
+    if (!isLiveSession && !server.hasSeveral && server.only) return Located{server.only, url.path};
     const auto found = server.projects.find(first);
     if (found == server.projects.end()) return std::nullopt;
     return Located{found->second, url.path.substr(std::min(url.path.size(), first.size() + 1))};
@@ -506,11 +510,12 @@ std::optional<Failure> Remotes::ask(Server& server, const Url& url, bool again) 
     for (const Json& one : *projects) {
         if (!one.is_object()) continue;
         const std::string name = textIn(one, "name");
-        if (server.projects.contains(name)) continue;
-        server.projects.emplace(
-            name, std::make_shared<RemoteProject>(url.host, url.port, name,
-                                                  server.hasSeveral ? "/" + urlEncoded(name) : "",
-                                                  limits_, cache));
+        ProjectPtr& project = server.projects[name];
+        if (!project)
+            project = std::make_shared<RemoteProject>(
+                url.host, url.port, name, server.hasSeveral ? "/" + urlEncoded(name) : "", limits_,
+                cache);
+        server.only = projects->size() == 1 ? project : nullptr;
     }
     return std::nullopt;
 }

@@ -166,13 +166,14 @@ private:
         std::mutex mutex;  // guards the other members
         bool isKnown = false;
         bool hasSeveral = false;
-        std::map<std::string, ProjectPtr> projects;
+        std::map<std::string, ProjectPtr> projects;  // and live sessions that were used
+        ProjectPtr only;                             // if the server lists one project
         std::chrono::steady_clock::time_point when;
         std::optional<Failure> failure;
     };
     [[nodiscard]] std::optional<Failure> whyForbidden(const Url& url);
     [[nodiscard]] Server& serverOf(const Url& url);
-    [[nodiscard]] static std::optional<Located> locateIn(Server& server, const Url& url);
+    [[nodiscard]] std::optional<Located> locateIn(Server& server, const Url& url);
     [[nodiscard]] std::optional<Failure> ask(Server& server, const Url& url, bool again);
 
     const std::string user_;

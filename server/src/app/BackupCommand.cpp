@@ -15,6 +15,7 @@
 
 #include "usdlive/common/core/Descriptor.h"
 #include "usdlive/server/app/AdminCommands.h"
+#include "usdlive/server/app/CopiedFolder.h"
 #include "usdlive/server/app/RunningServer.h"
 #include "usdlive/server/app/StoreCopyFile.h"
 #include "usdlive/server/storage/RocksCommitStore.h"
@@ -34,19 +35,8 @@ struct Backup {
     fs::path folder, target;
 };
 
-/// Counts what was copied.
-struct Copied {
-    std::uint64_t files = 0, bytes = 0;
-};
-
 tl::unexpected<Error> noBackup(const std::string& why) {
     return fail(ErrorCode::InvalidArgument, why);
-}
-
-tl::unexpected<Error> cannotCopy(const fs::path& path, const std::error_code& error) {
-    return fail(
-        error == std::errc::no_space_on_device ? ErrorCode::StorageFull : ErrorCode::StorageFailed,
-        "cannot copy " + path.string() + ": " + error.message());
 }
 
 /// Removes an unfinished backup.
@@ -76,48 +66,6 @@ public:
 private:
     fs::path path_;
 };
-
-/// Copies a file that can be changed meanwhile, or `shares` one that never changes.
-Result<void> copyFile(const fs::path& file, const fs::path& to, bool shares, Copied& copied) {
-    std::error_code error;
-    if (shares) fs::create_hard_link(file, to, error);
-    if (!shares || error) {
-        error.clear();
-        fs::copy_file(file, to, error);
-    }
-    std::error_code gone;
-    if (error && !fs::exists(fs::symlink_status(file, gone))) return {};  // it was removed
-    if (error) return cannotCopy(file, error);
-    ++copied.files;
-    copied.bytes += fs::file_size(to, gone);
-    return {};
-}
-
-/// Copies a folder with everything in it. Links stay links.
-Result<void> copyFolder(const fs::path& from, const fs::path& to, bool shares, Copied& copied,
-                        const std::function<bool(const fs::path&)>& isLeftOut = {}) {
-    std::error_code error;
-    fs::create_directory(to, from, error);
-    if (error) return cannotCopy(to, error);
-    for (fs::directory_iterator entry(from, error), end; !error && entry != end;
-         entry.increment(error)) {
-        const fs::path name = entry->path().filename();
-        if (isLeftOut && isLeftOut(name)) continue;
-        std::error_code ignored;
-        const fs::file_status status = entry->symlink_status(ignored);
-        Result<void> done;
-        if (fs::is_symlink(status)) {
-            fs::copy_symlink(entry->path(), to / name, ignored);
-            if (ignored) done = cannotCopy(entry->path(), ignored);
-        } else if (fs::is_directory(status)) {
-            done = copyFolder(entry->path(), to / name, shares, copied);
-        } else if (fs::is_regular_file(status)) {
-            done = copyFile(entry->path(), to / name, shares, copied);
-        }
-        if (!done) return done;
-    }
-    return error ? Result<void>(cannotCopy(from, error)) : Result<void>();
-}
 
 /// Waits until the running server has made a copy of its store. Returns where it is.
 Result<fs::path> askServer(const fs::path& folder) {
@@ -161,7 +109,7 @@ Result<Revision> verified(const fs::path& store) {
 
 bool isOfRunningServer(const fs::path& name) {
     const std::string text = name.string();
-    return text == "store" || text == "blobs" || text == "server.json" ||
+    return text == "store" || text == "blobs" || text == "sessions" || text == "server.json" ||
            text.starts_with("copy") || text.ends_with(".taken") || text.ends_with(".new");
 }
 

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <boost/asio/post.hpp>
 #include <boost/asio/steady_timer.hpp>
+#include <charconv>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <utility>
@@ -22,7 +23,7 @@ using Json = nlohmann::json;
 using std::chrono::milliseconds;
 using State = ServedProject::State;
 
-constexpr std::string_view kSessions = "/live", kFiles = "/files";
+constexpr std::string_view kSessions = "/live", kFiles = "/files", kLiveSessions = "/sessions";
 constexpr const char* kJson = "application/json";
 constexpr unsigned kBadRequest = 400, kNotFound = 404, kUnavailable = 503;
 // Projects that have not answered after this time are reported as busy.
@@ -47,6 +48,38 @@ std::optional<FilesPath> splitFilesPath(std::string_view path) {
     return split;
 }
 
+/// Returns whether the path is `part`, or goes on with a slash.
+bool startsPath(std::string_view path, std::string_view part) {
+    return path.starts_with(part) && (path.size() == part.size() || path[part.size()] == '/');
+}
+
+/// The query of a request that changes a live session: `user=NAME&merged=REVISION`.
+struct SessionQuery {
+    std::string user;
+    Revision merged = 0;
+};
+std::optional<SessionQuery> queryOf(std::string_view query) {
+    SessionQuery read;
+    while (!query.empty()) {
+        const std::string_view one = query.substr(0, query.find('&'));
+        query.remove_prefix(std::min(one.size() + 1, query.size()));
+        const std::size_t equals = std::min(one.find('='), one.size());
+        const auto value = percentDecoded(one.substr(std::min(equals + 1, one.size())));
+        const std::string_view key = one.substr(0, equals);
+        if (!value) return std::nullopt;
+        if (key == "user") {
+            read.user = *value;
+        } else if (key == "merged") {
+            const char* const end = value->data() + value->size();
+            const auto [stop, error] = std::from_chars(value->data(), end, read.merged);
+            if (error != std::errc() || stop != end) return std::nullopt;
+        } else {
+            return std::nullopt;
+        }
+    }
+    return read;
+}
+
 /// Returns whether a list of names with commas has the name.
 bool offers(std::string_view list, std::string_view name) {
     while (!list.empty()) {
@@ -63,12 +96,58 @@ bool offers(std::string_view list, std::string_view name) {
 }  // namespace
 
 HttpRoutes::Visible HttpRoutes::visibleTo(const User& user) const {
-    Visible visible = projects_.all();
+    Visible visible = projects_.mainLines();
     if (user)
         std::erase_if(visible, [&](const ServedProject* project) {
             return access_.in(project->name(), *user).role == Role::None;
         });
     return visible;
+}
+
+ServedProject* HttpRoutes::named(std::string_view encoded, const Visible& visible) const {
+    auto name = percentDecoded(encoded);
+    if (!name) return nullptr;
+    if (name->starts_with('?') && visible.size() == 1) *name = visible.front()->name() + *name;
+    ServedProject* const found = projects_.find(*name);
+    const bool isVisible = found && std::ranges::any_of(visible, [&](const ServedProject* one) {
+                               return one->name() == found->place().project;
+                           });
+    return isVisible ? found : nullptr;
+}
+
+std::optional<HttpRoute> HttpRoutes::liveSessions(const HttpTarget& target, const User& user,
+                                                  const Visible& visible) {
+    // /sessions..., or /NAME/sessions...
+    std::string_view rest = target.path, name;
+    if (!startsPath(rest, kLiveSessions)) {
+        const std::size_t slash = rest.find('/', 1);
+        if (slash == std::string_view::npos) return std::nullopt;
+        name = rest.substr(1, slash - 1);
+        rest.remove_prefix(slash);
+        if (!startsPath(rest, kLiveSessions)) return std::nullopt;
+    }
+    rest.remove_prefix(kLiveSessions.size());
+    ServedProject* const project = !name.empty()         ? named(name, visible)
+                                   : visible.size() == 1 ? visible.front()
+                                                         : nullptr;
+    if (!project || project->place().isLiveSession())
+        return name.empty() ? notHere("the address names no project", visible)
+                            : noSuchProject(percentDecoded(name).value_or(""), visible);
+    if (rest.empty()) return HttpRoute(liveSessions_.list(*project));
+    const std::size_t slash = rest.find('/', 1);
+    const auto liveSession = percentDecoded(rest.substr(1, slash - 1));
+    const auto query = queryOf(target.query);
+    if (slash == std::string_view::npos || !liveSession || !query)
+        return HttpReply{"text/plain", "POST to sessions/NAME/VERB\n", kBadRequest};
+    LiveSessions::Asking asking{{query->user}, Role::Admin, std::string(target.peer)};
+    if (user) {
+        const SignedIn here = access_.in(project->name(), *user);
+        // The owner of the server acts in the name of any user.
+        if (!here.user.value.empty()) asking.user = here.user;
+        asking.role = here.role;
+    }
+    return liveSessions_.change(
+        *project, {*liveSession, std::string(rest.substr(slash + 1)), query->merged}, asking);
 }
 
 HttpRoute HttpRoutes::route(const HttpTarget& target) {
@@ -102,24 +181,18 @@ HttpRoute HttpRoutes::route(const HttpTarget& target) {
         return page(isStranger ? &HttpRoutes::briefHealth : &HttpRoutes::health);
     if (path == "/metrics") return page(&HttpRoutes::metrics);
     if (path == "/projects") return page(&HttpRoutes::list);
-    const auto named = [&](std::string_view encoded) -> ServedProject* {
-        const auto name = percentDecoded(encoded);
-        const auto found = std::ranges::find_if(
-            visible, [&](const ServedProject* one) { return name && one->name() == *name; });
-        return found == visible.end() ? nullptr : *found;
-    };
     if (path == kSessions) {
         if (visible.size() == 1) return sessionsOf(*visible.front(), user, target);
         return notHere("the address names no project", visible);
     }
     if (path.ends_with(kSessions)) {
         const std::string_view name = path.substr(1, path.size() - kSessions.size() - 1);
-        if (ServedProject* project = named(name)) return sessionsOf(*project, user, target);
-        return notHere("there is no project \"" + percentDecoded(name).value_or("") + "\" here",
-                       visible);
+        if (ServedProject* project = named(name, visible))
+            return sessionsOf(*project, user, target);
+        return noSuchProject(percentDecoded(name).value_or(""), visible);
     }
     if (const auto files = splitFilesPath(path))
-        if (ServedProject* project = named(files->project))
+        if (ServedProject* project = named(files->project, visible))
             return filesOf(*project, {.path = files->rest, .query = target.query});
     if (path.starts_with(kFiles)) {
         const std::string_view rest = path.substr(kFiles.size());
@@ -129,6 +202,7 @@ HttpRoute HttpRoutes::route(const HttpTarget& target) {
             return notHere("the address names no project", visible);
         }
     }
+    if (auto found = liveSessions(target, user, visible)) return std::move(*found);
     return HttpReply{"text/plain", "there is nothing here\n", kNotFound};
 }
 
@@ -147,7 +221,7 @@ HttpRoute HttpRoutes::sessionsOf(ServedProject& project, const User& user,
     if (!sessions) return unavailable(project);
     if (!user) return HttpSessions{sessions, std::nullopt};
     access_.entered(target, *user, project.name());
-    return HttpSessions{sessions, access_.in(project.name(), *user)};
+    return HttpSessions{sessions, access_.in(project.place().project, *user)};
 }
 
 std::optional<HttpSessions> HttpRoutes::sessionsBeforeSignIn(const HttpTarget& target) {
@@ -157,12 +231,11 @@ std::optional<HttpSessions> HttpRoutes::sessionsBeforeSignIn(const HttpTarget& t
     // Whether the project exists is told after the sign-in. Until then any transport serves.
     std::string_view name = target.path.substr(0, target.path.size() - kSessions.size());
     if (name.starts_with('/')) name.remove_prefix(1);
-    WebSocketTransport* transport = nullptr;
-    for (const ServedProject* project : projects_.all()) {
-        WebSocketTransport* const sessions = project->sessions();
-        if (sessions && (!transport || percentDecoded(name) == project->name()))
-            transport = sessions;
-    }
+    const Visible all = projects_.mainLines();
+    const ServedProject* const wanted = named(name, all);
+    WebSocketTransport* transport = wanted ? wanted->sessions() : nullptr;
+    for (const ServedProject* project : all)
+        if (!transport) transport = project->sessions();
     if (!transport) return std::nullopt;
     const auto arrival = std::make_shared<Arrival>(
         Arrival{std::string(target.path), {}, std::string(target.peer), transport});
@@ -210,6 +283,16 @@ HttpReply HttpRoutes::unavailable(const ServedProject& project) {
                                                              : "is being closed";
     return HttpReply{"text/plain", "the project \"" + project.name() + "\" " + why + "\n",
                      kUnavailable};
+}
+
+HttpReply HttpRoutes::noSuchProject(const std::string& name, const Visible& visible) {
+    const std::size_t session = name.find("?session=");
+    if (session == std::string::npos)
+        return notHere("there is no project \"" + name + "\" here", visible);
+    return {"text/plain",
+            "there is no live session in use with the address " + name.substr(session) +
+                ": it was ended, or never created. `usdlive session list` lists them\n",
+            kNotFound};
 }
 
 HttpReply HttpRoutes::notHere(const std::string& what, const Visible& visible) {

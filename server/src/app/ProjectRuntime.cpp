@@ -50,7 +50,7 @@ ProjectRuntime::ProjectRuntime(asio::io_context& network, WorkerShares& workers,
       workers_(workers),
       store_(store),
       storage_(storage),
-      folder_(std::move(files.folder)),
+      place_(std::move(files.place)),
       list_(std::move(files.list)),
       metrics_(metrics),
       clock_(clock),
@@ -79,11 +79,11 @@ ProjectRuntime::ProjectRuntime(asio::io_context& network, WorkerShares& workers,
                   startAgain();
               }),
       outbox_(transports_),
-      history_(strand_, intake_, workers, store, storage, folder_ / ".usdlive" / "blobs", log),
+      history_(strand_, intake_, workers, store, storage, place_.history() / "blobs", log),
       blobs_(strand_, workers, transports_, blobs, files.texts),
       files_(strand_, workers, files.layers, files.assets, blobs, store, log),
       activity_(std::move(activity)),
-      rulesFile_(folder_),
+      rulesFile_(place_.folder),
       rulesFollower_(
           network, workers.files, rulesFile_, kRulesPause,
           [this](const std::string& stamp, Result<std::optional<AccessRules>> read) {
@@ -99,7 +99,7 @@ ProjectRuntime::ProjectRuntime(asio::io_context& network, WorkerShares& workers,
                          "without entries",
                          {{"file", rulesFile_.path().string()}});
           }),
-      copies_(network, workers.history, StoreCopyFile(folder_), kCopyPause,
+      copies_(network, workers.history, StoreCopyFile(place_.folder), kCopyPause,
               [this](const std::string&, const std::optional<std::string>& name) {
                   if (name) copyStore(*name);
               }),
@@ -118,13 +118,15 @@ Result<void> ProjectRuntime::start(ProjectSetup setup) {
     if (!beginning) return tl::unexpected(beginning.error());
     hasSpace_ = beginning->store.hasSpace;
     const auto rulesStamp = rulesFile_.stamp();
-    if (rulesStamp) rulesFile_.writeTaken(*rulesStamp);
+    if (rulesStamp) confirmRules(*rulesStamp);
     auto rules = rulesFile_.read();
     if (!rules) return tl::unexpected(rules.error());
     rulesFollower_.start(rulesStamp);
-    const StoreCopyFile copies(folder_);
-    copies.removeCopies();
-    copies_.start(copies.stamp());
+    if (!place_.isLiveSession()) {
+        const StoreCopyFile copies(place_.folder);
+        copies.removeCopies();
+        copies_.start(copies.stamp());
+    }
     if (*rules) rules_ = std::make_shared<const AccessRules>(std::move(**rules));
     makeProject(std::move(*beginning));
     storage_.start({
@@ -198,7 +200,7 @@ std::shared_ptr<const MetricFamilies> ProjectRuntime::metrics() const {
     figures.storageHasSpace = hasSpace_;
     figures.removedBlobs = collector_.removed();
     std::error_code ignored;
-    figures.storageFreeBytes = std::filesystem::space(folder_, ignored).available;
+    figures.storageFreeBytes = std::filesystem::space(place_.folder, ignored).available;
     if (const Project* project = strand_.project()) {
         figures.project = project->counters();
         figures.sessions = project->sessionCount();
@@ -254,12 +256,17 @@ void ProjectRuntime::takeRules(const std::string& stamp, AccessRules rules) {
                       {},
                       "rules: " + std::to_string(rules_->rules().size())});
     strand_.use([this](Project& project) { project.setRules(rules_); });
-    workers_.files->post([file = rulesFile_, stamp] { file.writeTaken(stamp); });
+    workers_.files->post([this, stamp] { confirmRules(stamp); });
+}
+
+/// The main line answers the command that has written the rules.
+void ProjectRuntime::confirmRules(const std::string& stamp) const {
+    if (!place_.isLiveSession()) rulesFile_.writeTaken(stamp);
 }
 
 /// The commits that were acknowledged before this are in the copy.
 void ProjectRuntime::copyStore(const std::string& name) {
-    workers_.history->post([this, name, file = StoreCopyFile(folder_)] {
+    workers_.history->post([this, name, file = StoreCopyFile(place_.folder)] {
         const auto made =
             store_.use([&](CommitStore& store) { return store.copyTo(file.copy(name)); });
         file.writeAnswer(name, made);

@@ -1,4 +1,4 @@
-// Finds, opens and removes the projects of the process.
+// Finds, opens and removes the projects of the process and their live sessions.
 #include "usdlive/server/app/Projects.h"
 
 #include <algorithm>
@@ -71,8 +71,22 @@ std::vector<ServedProject*> Projects::all() const {
     return all;
 }
 
+std::vector<ServedProject*> Projects::mainLines() const {
+    std::vector<ServedProject*> lines = all();
+    std::erase_if(lines, [](const ServedProject* one) { return one->place().isLiveSession(); });
+    return lines;
+}
+
+ServedProject* Projects::find(const std::string& name) const {
+    const auto found = projects_.find(name);
+    return found == projects_.end() ? nullptr : found->second.project.get();
+}
+
 std::string Projects::urlOf(const std::string& base, const ServedProject& project) const {
-    return areSeveral() ? base + "/" + percentEncoded(project.name()) : base;
+    const ProjectPlace& place = project.place();
+    std::string url = areSeveral() ? base + "/" + percentEncoded(place.project) : base;
+    if (place.isLiveSession()) url += "?session=" + percentEncoded(place.liveSession);
+    return url;
 }
 
 // ---- opening and stopping
@@ -97,9 +111,9 @@ Result<void> Projects::open(std::function<void()> opened) {
         named.emplace(name, folder);
     }
     opened_ = std::move(opened);
-    for (const auto& [name, folder] : found) add(name, folder);
+    for (const auto& [name, folder] : found) addProject(name, folder);
     for (const auto& [name, folder] : named) {
-        add(name, folder);
+        addProject(name, folder);
         projects_[name].isNamed = true;
     }
     for (auto& [name, entry] : projects_) entry.project->start();
@@ -107,9 +121,19 @@ Result<void> Projects::open(std::function<void()> opened) {
     return {};
 }
 
-void Projects::add(const std::string& name, const fs::path& folder) {
+void Projects::addProject(const std::string& name, const fs::path& folder) {
+    add({name, folder});
+    const LiveSessionFolder sessions(folder);
+    sessions.removeUnfinished();
+    for (const LiveSessionRecord& one : sessions.list())
+        if (!one.isEnded) add({name, folder, one.name});
+}
+
+void Projects::add(const ProjectPlace& place) {
+    const std::string name = place.name();
+    const bool isNamedInLog = areSeveral() || place.isLiveSession();
     projects_[name].project = std::make_unique<ServedProject>(
-        name, folder, options_, workers_, audit_, makeLog_(areSeveral() ? name : ""),
+        place, options_, workers_, audit_, makeLog_(isNamedInLog ? name : ""),
         [this, name] { asio::post(io_, [this, name] { changed(name); }); });
 }
 
@@ -135,7 +159,16 @@ void Projects::changed(const std::string& name) {
     if (isNews && status.state == State::Serving)
         log_.write(LogLevel::Info, "project opened", {{"project", name}});
     if (entry.project->lacksThreads()) startIn(ServedProject::kRetryPause);
-    if (status.state == State::Stopped) projects_.erase(found);
+    if (isResult && entry.opened)
+        std::exchange(entry.opened, nullptr)(
+            status.error ? Result<void>(tl::unexpected(*status.error)) : Result<void>());
+    if (status.state == State::Stopped) {
+        const auto closed = std::move(entry.closed);
+        const auto opened = std::move(entry.opened);
+        projects_.erase(found);
+        if (opened) opened(fail(ErrorCode::ShuttingDown, "it was stopped"));
+        if (closed) closed();
+    }
     checkOpened();
     if (projects_.empty() && stopped_) std::exchange(stopped_, nullptr)();
 }
@@ -179,6 +212,38 @@ void Projects::stop(std::function<void()> done) {
     if (projects_.empty()) asio::post(io_, std::exchange(stopped_, nullptr));
 }
 
+// ---- live sessions
+
+void Projects::openLiveSession(const ServedProject& project, const std::string& liveSession,
+                               std::function<void(Result<void>)> opened) {
+    ProjectPlace place = project.place();
+    place.liveSession = liveSession;
+    const std::string name = place.name();
+    if (stopped_ || projects_.contains(name))
+        return opened(fail(ErrorCode::ShuttingDown, "it is being closed; try again"));
+    add(place);
+    projects_[name].opened = std::move(opened);
+    startLate(name);
+}
+
+void Projects::closeLiveSession(const std::string& name, std::function<void()> closed) {
+    const auto found = projects_.find(name);
+    if (found == projects_.end()) return closed();
+    found->second.closed = std::move(closed);
+    found->second.project->stop();
+}
+
+void Projects::startLate(const std::string& name) {
+    ServedProject& project = *projects_[name].project;
+    if (!url_.empty())
+        project.announce(urlOf(url_, project), [this, name](const Result<void>& done) {
+            if (!done)
+                log_.write(LogLevel::Error, "project is not served over DDS",
+                           {{"project", name}, {"error", done.error().message}});
+        });
+    project.start();
+}
+
 // ---- added and removed folders
 
 void Projects::lookForFoldersIn(milliseconds pause) {
@@ -190,26 +255,26 @@ void Projects::lookForFoldersIn(milliseconds pause) {
     });
 }
 
+/// Stops a project with its live sessions.
+void Projects::stopProject(const std::string& project) {
+    for (const auto& [name, entry] : projects_)
+        if (entry.project->place().project == project) entry.project->stop();
+}
+
 void Projects::foldersFound(const std::map<std::string, fs::path>& found) {
     for (auto& [name, entry] : projects_) {
-        if (entry.isNamed) continue;
+        if (entry.isNamed || entry.project->place().isLiveSession()) continue;
         entry.missing = found.contains(name) ? 0 : entry.missing + 1;
         if (entry.missing == kMissing) {
             log_.write(LogLevel::Info, "project removed", {{"project", name}});
-            entry.project->stop();
+            stopProject(name);
         }
     }
     for (const auto& [name, folder] : found) {
         if (projects_.contains(name)) continue;
-        add(name, folder);
-        Entry& entry = projects_[name];
-        entry.project->announce(
-            urlOf(url_, *entry.project), [this, name](const Result<void>& done) {
-                if (!done)
-                    log_.write(LogLevel::Error, "project is not served over DDS",
-                               {{"project", name}, {"error", done.error().message}});
-            });
-        entry.project->start();
+        addProject(name, folder);
+        for (const auto& [added, entry] : projects_)
+            if (entry.project->place().project == name) startLate(added);
     }
 }
 

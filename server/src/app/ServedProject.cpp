@@ -50,6 +50,12 @@ private:
     }
 };
 
+/// Returns the place with the real path of the folder.
+ProjectPlace realPlace(ProjectPlace place) {
+    place.folder = std::filesystem::canonical(place.folder);
+    return place;
+}
+
 /// Files are named as the folder was named, or by its real path.
 PublicText textsFor(const std::filesystem::path& folder) {
     std::error_code ignored;
@@ -132,8 +138,12 @@ Result<std::unique_ptr<CommitStore>> openStore(const std::filesystem::path& fold
 
 /// Adds advice to an error: names the server that has the folder's store open, or explains how to
 /// continue with a damaged history.
-Error explained(const Error& error, const std::filesystem::path& folder) {
-    const std::string history = (folder / ".usdlive").lexically_normal().string();
+Error explained(const Error& error, const ProjectPlace& place) {
+    const std::string history = place.history().lexically_normal().string();
+    if (error.code == ErrorCode::StorageCorrupt && place.isLiveSession())
+        return {error.code, error.message + ". The history of the live session in " + history +
+                                " is damaged, that of the project is not. Delete the session: "
+                                "usdlive session end, then usdlive session delete"};
     if (error.code == ErrorCode::StorageCorrupt)
         return {
             error.code,
@@ -144,10 +154,10 @@ Error explained(const Error& error, const std::filesystem::path& folder) {
                 "-damaged) and start again: the project then begins with its files, as they were "
                 "saved last"};
     if (error.code != ErrorCode::StorageLocked) return error;
-    const auto running = RunningServer::find(folder);
+    const auto running = RunningServer::find(place.folder);
     if (!running) return error;
-    return {error.code, folder.string() + " is already served at " + running->url + " by process " +
-                            std::to_string(running->process) +
+    return {error.code, place.folder.string() + " is already served at " + running->url +
+                            " by process " + std::to_string(running->process) +
                             ". Connect there, or stop that process first"};
 }
 
@@ -173,9 +183,9 @@ class ServedProject::Running {
 public:
     static Result<std::unique_ptr<Running>> open(const ServedProject& project) {
         std::error_code error;
-        if (!std::filesystem::is_directory(project.folder_, error))
-            return fail(ErrorCode::InvalidConfiguration, project.folder_.string() +
-                                                             " is not a folder" +
+        const std::filesystem::path& folder = project.place_.folder;
+        if (!std::filesystem::is_directory(folder, error))
+            return fail(ErrorCode::InvalidConfiguration, folder.string() + " is not a folder" +
                                                              (error ? ": " + error.message() : ""));
         std::unique_ptr<Running> running(new Running(project));
         if (const auto opened = running->open(); !opened) return tl::unexpected(opened.error());
@@ -203,7 +213,7 @@ public:
     }
 
     Result<void> announce(const std::string& url) {
-        runningServer_.emplace(folder_, url);
+        if (!place_.isLiveSession()) runningServer_.emplace(place_.folder, url);
         if (!options_.dds) return {};
         auto store =
             store_.use([](CommitStore& opened) -> Result<StoreId> { return opened.identity(); });
@@ -228,6 +238,19 @@ public:
             }
     }
 
+    void branch(LiveSessionRecord wanted, std::function<void(Result<LiveSessionRecord>)> done) {
+        workers_.history->post([this, wanted = std::move(wanted), done = std::move(done)] {
+            done(LiveSessionFolder(place_.folder)
+                     .create(
+                         wanted,
+                         [this](const std::filesystem::path& to) {
+                             return store_.use(
+                                 [&](CommitStore& store) { return store.copyTo(to); });
+                         },
+                         storeOptions_));
+        });
+    }
+
     void stop() {
         if (std::exchange(isStopping_, true)) return;
         stopTimer_.expires_after(kStopTime);
@@ -239,14 +262,14 @@ public:
 
 private:
     explicit Running(const ServedProject& project)
-        : name_(project.name_),
-          folder_(project.folder_),
+        : place_(project.place_),
+          name_(project.name_),
           texts_(project.texts_),
           options_(project.options_),
           log_(*project.log_),
           audit_(project.audit_),
           storeOptions_(storeOptions(options_)),
-          store_([this] { return openStore(folder_ / ".usdlive", storeOptions_, wasOpened_); }),
+          store_([this] { return openStore(place_.history(), storeOptions_, wasOpened_); }),
           workers_(project.workers_),
           storage_(store_, std::chrono::milliseconds(options_.flushIntervalMs), log_) {}
 
@@ -259,15 +282,17 @@ private:
 
     Result<void> open() {
         if (const auto opened = store_.open(); !opened)
-            return tl::unexpected(explained(opened.error(), folder_));
+            return tl::unexpected(explained(opened.error(), place_));
         BlobStoreOptions blobOptions;
         if (options_.minFreeMib) blobOptions.minFreeBytes = *options_.minFreeMib * kMib;
         blobOptions.maxBytes = options_.maxBlobMib * kMib;
         blobOptions.keepLeft = std::chrono::minutes(options_.keepUnusedBlobsMinutes);
-        auto blobs = createFileBlobStore(folder_ / ".usdlive" / "blobs", blobOptions);
+        auto blobs = createFileBlobStore(place_.history() / "blobs", blobOptions);
         if (!blobs) return tl::unexpected(blobs.error());
         blobs_ = std::move(*blobs);
-        auto files = createLayerFiles(folder_, *blobs_);
+        auto files = place_.isLiveSession()
+                         ? createLiveSessionFiles(place_.folder, place_.liveSession, *blobs_)
+                         : createLayerFiles(place_.folder, *blobs_);
         if (!files) return tl::unexpected(files.error());
         files_ = std::move(*files);
 
@@ -278,7 +303,7 @@ private:
         const auto list = [this] { return servedLayers(*files_, store_); };
         runtime_ = std::make_unique<ProjectRuntime>(
             network_, workers_, store_, storage_, *blobs_,
-            ProjectFiles{std::filesystem::canonical(folder_), list, *files_, *assetFiles_, texts_},
+            ProjectFiles{realPlace(place_), list, *files_, *assetFiles_, texts_},
             std::chrono::minutes(options_.keepUnusedBlobsMinutes), metrics_, clock_,
             ActivityLog(name_, log_, audit_), log_);
         if (auto made = runtime_->start(setup()); !made) return made;
@@ -292,6 +317,8 @@ private:
     ProjectSetup setup() {
         Project::Options project = projectOptions(name_, options_);
         project.texts = texts_;
+        // A live session has no files that it could be equal to.
+        project.reloadsFiles = project.reloadsFiles && !place_.isLiveSession();
         const auto read = [this, project]() -> Result<ProjectBeginning> {
             auto served = servedLayers(*files_, store_);
             if (!served) return tl::unexpected(served.error());
@@ -303,8 +330,8 @@ private:
         return {project, read};
     }
 
+    const ProjectPlace place_;
     const std::string name_;
-    const std::filesystem::path folder_;
     const PublicText& texts_;
     const ServerOptions& options_;
     Log& log_;
@@ -335,12 +362,12 @@ private:
     bool isStopping_ = false;
 };
 
-ServedProject::ServedProject(std::string name, std::filesystem::path folder,
-                             const ServerOptions& options, Workers& workers, AuditLog& audit,
-                             std::unique_ptr<Log> log, std::function<void()> changed)
-    : name_(std::move(name)),
-      folder_(std::move(folder)),
-      texts_(textsFor(folder_)),
+ServedProject::ServedProject(ProjectPlace place, const ServerOptions& options, Workers& workers,
+                             AuditLog& audit, std::unique_ptr<Log> log,
+                             std::function<void()> changed)
+    : place_(std::move(place)),
+      name_(place_.name()),
+      texts_(textsFor(place_.folder)),
       options_(options),
       workers_(workers),
       audit_(audit),
@@ -488,13 +515,20 @@ void ServedProject::answerFile(FileRequest request, HttpAnswer answer) {
 
 void ServedProject::rolesChanged(std::shared_ptr<const Accounts> accounts,
                                  std::function<void()> done) {
-    const bool isPosted = post([accounts, name = name_, done](Running& running) {
+    const bool isPosted = post([accounts, name = place_.project, done](Running& running) {
         running.runtime().rolesChanged([accounts, name](const SignedIn& user) {
             return SignIn::in(*accounts, user, name).role;
         });
         done();
     });
     if (!isPosted) done();
+}
+
+void ServedProject::branch(LiveSessionRecord wanted,
+                           std::function<void(Result<LiveSessionRecord>)> done) {
+    const bool isPosted = post(
+        [wanted = std::move(wanted), done](Running& running) { running.branch(wanted, done); });
+    if (!isPosted) done(fail(ErrorCode::ShuttingDown, "the project is not served now"));
 }
 
 void ServedProject::stop() {

@@ -137,7 +137,7 @@ std::string joined(const std::vector<std::string>& texts) {
 /// Prints the addresses and projects when the server is ready.
 void announce(const ServerOptions& options, const Projects& projects,
               const std::vector<std::string>& urls) {
-    const auto all = projects.all();
+    const auto all = projects.mainLines();
     if (!projects.areSeveral()) {
         const auto status = all.front()->status();
         std::cout << "serving " << options.folders.front().string() << " (" << describe(status)
@@ -173,8 +173,9 @@ public:
                   return createSpdLog(options.logLevel, options.logFormat, project);
               },
               *log_),
+          liveSessions_(io_, projects_, workers_, audit_, *log_),
           access_(io_, accountsFolder(options), options.issuer, workers_, audit_, *log_),
-          routes_(io_, projects_, access_, pageHint(options)),
+          routes_(io_, projects_, liveSessions_, access_, pageHint(options)),
           signals_(io_, SIGINT, SIGTERM),
           hangups_(io_) {}
 
@@ -219,7 +220,7 @@ private:
     /// Called when each project is served or has failed.
     void listen() {
         if (isStopping_) return;
-        const auto all = projects_.all();
+        const auto all = projects_.mainLines();
         const auto failed = std::ranges::count_if(
             all, [](const ServedProject* project) { return project->status().error.has_value(); });
         if (!all.empty() && std::size_t(failed) == all.size())
@@ -333,6 +334,7 @@ private:
     // Keeps io_ running, because stopping projects call back from their threads.
     const asio::executor_work_guard<asio::io_context::executor_type> work_{io_.get_executor()};
     Projects projects_;
+    LiveSessions liveSessions_;
     AccessControl access_;
     HttpRoutes routes_;
     std::unique_ptr<ServerTls> tls_;  // nullptr: not encrypted

@@ -19,6 +19,7 @@
 #include "FileStamps.h"
 #include "FolderWalk.h"
 #include "OpenLayerFile.h"
+#include "OpenLayerFiles.h"
 #include "SafeFile.h"
 #include "usdlive/common/core/Descriptor.h"
 #include "usdlive/common/core/Utf8.h"
@@ -439,14 +440,19 @@ Result<std::vector<LayerId>> layersIn(const fs::path& folder) {
     return layers;
 }
 
-Result<std::unique_ptr<LayerFiles>> createLayerFiles(const fs::path& folder, BlobStore& blobs) {
+Result<std::unique_ptr<LayerFiles>> openLayerFiles(const fs::path& folder, BlobStore& blobs) {
     std::error_code problem;
     const fs::path real = fs::canonical(folder, problem);
     if (problem || !fs::is_directory(real))
         return fail(ErrorCode::InvalidConfiguration,
                     folder.string() + " is not a folder that can be served");
-    removeLeftovers(real);
     return std::make_unique<SdfLayerFiles>(real, blobs);
+}
+
+Result<std::unique_ptr<LayerFiles>> createLayerFiles(const fs::path& folder, BlobStore& blobs) {
+    auto files = openLayerFiles(folder, blobs);
+    if (files) removeLeftovers((*files)->folder());
+    return files;
 }
 
 }  // namespace usdlive::server

@@ -67,7 +67,7 @@ Result<void> RocksCommitStore::openDatabase() {
 Result<void> RocksCommitStore::readIdentity() {
     const auto status =
         db_->Get(rocksdb::ReadOptions(), family(Family::Meta), kIdentityKey, &identity_.value);
-    if (status.IsNotFound())
+    if (status.IsNotFound() || (status.ok() && options_.isNewLine))
         identity_.value = randomIdDigits();
     else if (!status.ok())
         return tl::unexpected(error(status, "read"));

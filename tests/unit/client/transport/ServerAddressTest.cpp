@@ -7,9 +7,12 @@
 #include <map>
 
 #include "transport/Connection.h"
+#include "transport/LiveSessions.h"
 #include "usdlive/common/net/KnownServers.h"
 
 using namespace usdlive;
+using client::liveSessionAddress;
+using client::mainLineAddress;
 using client::parseServerAddress;
 
 TEST(ServerAddress, ReadsHostPortAndLayer) {
@@ -69,6 +72,29 @@ TEST(ServerAddress, ReadsProjectsOverDds) {
     EXPECT_EQ(layer->layer, "sets/a.usda");
     EXPECT_EQ(layer->url(), "dds://my%20shot/sets/a.usda");
     EXPECT_FALSE(parseServerAddress("ws://h")->dds);
+}
+
+TEST(ServerAddress, LV1ReadsLiveSessions) {
+    struct Case {
+        std::string text, project, layer;
+    };
+    for (const auto& [text, project, layer] :
+         {Case{"ws://h:7447?session=dusk", "?session=dusk", ""},
+          Case{"ws://h:7447/shots?session=dusk", "shots?session=dusk", ""},
+          Case{"ws://h:7447/shot.usda?session=a%20b", "?session=a b", "shot.usda"},
+          Case{"dds://shots?session=dusk", "shots?session=dusk", ""},
+          Case{"dds://shots/shot.usda?session=100%25", "shots?session=100%", "shot.usda"}}) {
+        const auto address = parseServerAddress(text);
+        ASSERT_TRUE(address) << text;
+        EXPECT_EQ(address->project, project);
+        EXPECT_EQ(address->layer, layer);
+        EXPECT_EQ(address->url(), text);
+        EXPECT_EQ(mainLineAddress(*address).url(), text.substr(0, text.find('?')));
+        EXPECT_EQ(liveSessionAddress(*address, "dawn").url(),
+                  text.substr(0, text.find('?')) + "?session=dawn");
+    }
+    for (const std::string text : {"ws://h?session=", "ws://h?session=%2", "ws://h/%3Fsession%3D"})
+        EXPECT_FALSE(parseServerAddress(text)) << text;
 }
 
 TEST(ServerAddress, ReadsProjectsOfAServer) {

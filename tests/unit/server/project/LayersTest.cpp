@@ -525,6 +525,37 @@ TEST(ProjectPreviews, SE22ManySessionsOfAUserPushOutItsOwn) {
     EXPECT_TRUE(has) << "that of another address stays";
 }
 
+TEST(ProjectPreviews, SE22APreviewThatIsPushedOutAtOnceIsNotShown) {
+    World world;
+    const Value large = stringValue(std::string(200'000, 'x'));
+    const Edit edit{{"a.usda"}, {"/A.x", {}}, SetField{"default", {}, large, {}}};
+    constexpr SessionId kWatching = 200;
+    world.connect(kWatching, {}, "10.0.0.6");
+    // Sessions of one address with 0.8 MB each, up to its limit. The last one has the most.
+    constexpr SessionId kLast = 84;
+    constexpr std::uint64_t kGesture = 99;
+    for (SessionId session = 1; session <= kLast; ++session) {
+        world.connect(session, {}, "10.0.0.1");
+        world.receive(session, Frame(PreviewFrame{{},
+                                                  session == kLast ? kGesture : 1,
+                                                  0,
+                                                  std::vector(session == kLast ? 5 : 4, edit)}));
+    }
+    int shown = 0;
+    bool isShown = false;
+    while (!world.silent(kWatching)) {
+        const Frame frame = world.next(kWatching);
+        const auto* preview = std::get_if<PreviewFrame>(&frame);
+        if (!preview) continue;
+        if (preview->gesture == kGesture)
+            isShown = !preview->edits.empty();
+        else
+            shown += preview->edits.empty() ? -1 : 1;
+    }
+    EXPECT_FALSE(isShown) << "nothing would withdraw it";
+    EXPECT_EQ(shown, int(kLast) - 1) << "those of the others stay";
+}
+
 TEST(ProjectPreviews, PreviewsOfNoGestureAndTooLargeOnes) {
     World world;
     world.join(1);

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "usdlive/server/app/AccessControl.h"
+#include "usdlive/server/app/LiveSessions.h"
 #include "usdlive/server/app/Projects.h"
 #include "usdlive/server/transport/HttpServer.h"
 
@@ -17,14 +18,19 @@ namespace usdlive::server {
 
 /// Finds what a request asks for: `/live` and `/NAME/live` open sessions; `/files...` and
 /// `/NAME/files...` are files of a project; `/`, `/healthz`, `/metrics` and `/projects` are pages;
-/// `/join` takes an invitation, and `/sign-in` says how to sign in. A user is shown the projects in
-/// which they have a role. Belongs to the thread that runs `io`.
+/// `/NAME/sessions...` are its live sessions (LV3); `/join` takes an invitation, and `/sign-in`
+/// says how to sign in. A user is shown the projects in which they have a role. Belongs to the
+/// thread that runs `io`.
 class HttpRoutes {
 public:
     /// The other objects must outlive this one. `pageHint`: a line that says where the page is.
-    HttpRoutes(boost::asio::io_context& io, const Projects& projects, AccessControl& access,
-               std::string pageHint)
-        : io_(io), projects_(projects), access_(access), pageHint_(std::move(pageHint)) {}
+    HttpRoutes(boost::asio::io_context& io, const Projects& projects, LiveSessions& liveSessions,
+               AccessControl& access, std::string pageHint)
+        : io_(io),
+          projects_(projects),
+          liveSessions_(liveSessions),
+          access_(access),
+          pageHint_(std::move(pageHint)) {}
 
     /// Sets the URL of the process, and the server whose counters `/metrics` shows.
     void announce(std::string url, const HttpServer& http) {
@@ -40,7 +46,14 @@ private:
     using Reports = std::vector<std::pair<std::string, ServedProject::Report>>;
     using Visible = std::vector<ServedProject*>;
 
+    /// Without live sessions.
     [[nodiscard]] Visible visibleTo(const User& user) const;
+    /// Returns the project or live session with this name in addresses (encoded), if the user has a
+    /// role there. A name without a project is that of a live session of the only project.
+    [[nodiscard]] ServedProject* named(std::string_view encoded, const Visible& visible) const;
+    /// Returns nothing if the path is not one of `/NAME/sessions...`.
+    [[nodiscard]] std::optional<HttpRoute> liveSessions(const HttpTarget& target, const User& user,
+                                                        const Visible& visible);
     [[nodiscard]] HttpRoute sessionsOf(ServedProject& project, const User& user,
                                        const HttpTarget& target) const;
     /// Returns the sessions of a client that shows its token later (AC13), if there are any.
@@ -55,6 +68,7 @@ private:
     [[nodiscard]] static HttpRoute filesOf(ServedProject& project, const HttpTarget& target);
     /// Says why a project that is not served cannot be used.
     [[nodiscard]] static HttpReply unavailable(const ServedProject& project);
+    [[nodiscard]] static HttpReply noSuchProject(const std::string& name, const Visible& visible);
     [[nodiscard]] static HttpReply notHere(const std::string& what, const Visible& visible);
     void gather(const Visible& visible, std::function<void(const Reports&)> done);
     [[nodiscard]] HttpReply welcome(const Reports& reports) const;
@@ -66,6 +80,7 @@ private:
 
     boost::asio::io_context& io_;
     const Projects& projects_;
+    LiveSessions& liveSessions_;
     AccessControl& access_;
     const std::string pageHint_;
     std::string url_;  // empty before announce()

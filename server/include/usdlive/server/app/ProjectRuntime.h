@@ -15,6 +15,7 @@
 #include "usdlive/server/app/FileFollower.h"
 #include "usdlive/server/app/Intake.h"
 #include "usdlive/server/app/Metrics.h"
+#include "usdlive/server/app/ProjectPlace.h"
 #include "usdlive/server/app/ProjectStrand.h"
 #include "usdlive/server/app/ServedBlobs.h"
 #include "usdlive/server/app/ServedFiles.h"
@@ -45,7 +46,7 @@ struct ProjectSetup {
 
 /// The project's folder and its files. Any thread.
 struct ProjectFiles {
-    std::filesystem::path folder;
+    ProjectPlace place;
     /// Returns the served layers: the files, and layers that exist only in the store.
     std::function<Result<std::vector<LayerFile>>()> list;
     LayerFiles& layers;
@@ -113,6 +114,7 @@ private:
     void boundHistoryIn(std::chrono::milliseconds pause);
     void lookForSpaceIn(std::chrono::milliseconds pause);
     void takeRules(const std::string& stamp, AccessRules rules);
+    void confirmRules(const std::string& stamp) const;
     void copyStore(const std::string& name);
     void endSignInsIn(std::chrono::milliseconds pause);
 
@@ -120,7 +122,7 @@ private:
     WorkerShares& workers_;
     SharedStore& store_;
     StorageThread& storage_;
-    const std::filesystem::path folder_;
+    const ProjectPlace place_;
     const std::function<Result<std::vector<LayerFile>>()> list_;
     Metrics& metrics_;
     ports::Clock& clock_;

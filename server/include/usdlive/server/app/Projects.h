@@ -1,4 +1,4 @@
-// The projects of this process.
+// The projects of this process, and their live sessions.
 #pragma once
 
 #include <boost/asio/io_context.hpp>
@@ -17,7 +17,8 @@
 
 namespace usdlive::server {
 
-/// The projects of this process by name. Belongs to the thread that runs `io`.
+/// The projects of this process and their live sessions, by name (ProjectPlace::name()). Belongs to
+/// the thread that runs `io`.
 class Projects {
 public:
     using MakeLog = std::function<std::unique_ptr<Log>(const std::string& project)>;
@@ -37,14 +38,32 @@ public:
     /// Stops all projects, then calls `done`.
     void stop(std::function<void()> done);
 
-    /// Returns the projects in the order of their names.
+    /// Returns the projects and their live sessions in the order of their names.
     [[nodiscard]] std::vector<ServedProject*> all() const;
+    /// Returns the projects without live sessions.
+    [[nodiscard]] std::vector<ServedProject*> mainLines() const;
+    /// Returns nullptr if there is none of this name.
+    [[nodiscard]] ServedProject* find(const std::string& name) const;
+
+    /// Starts to serve a live session of a project. `opened` is called once, when it is served or
+    /// has failed.
+    void openLiveSession(const ServedProject& project, const std::string& liveSession,
+                         std::function<void(Result<void>)> opened);
+    /// Stops a live session: its sessions end, and its store is closed. Then calls `closed`; at
+    /// once if it is not served.
+    void closeLiveSession(const std::string& name, std::function<void()> closed);
+
     /// Returns true if the process serves several projects or may do so later.
     [[nodiscard]] bool areSeveral() const;
     [[nodiscard]] std::string urlOf(const std::string& base, const ServedProject& project) const;
 
 private:
-    void add(const std::string& name, const std::filesystem::path& folder);
+    /// Adds a project with its live sessions.
+    void addProject(const std::string& name, const std::filesystem::path& folder);
+    void add(const ProjectPlace& place);
+    /// Starts a project or live session that was added while the process serves.
+    void startLate(const std::string& name);
+    void stopProject(const std::string& project);
     /// Starts the projects that have no thread.
     void startIn(std::chrono::milliseconds pause);
     void changed(const std::string& name);
@@ -58,6 +77,8 @@ private:
         bool isNamed = false;  ///< given on the command line, so it is never removed
         /// Serving or Failed, as it was last logged, or read by whoever waited for open().
         std::optional<ServedProject::State> told;
+        std::function<void(Result<void>)> opened = {};  ///< see openLiveSession()
+        std::function<void()> closed = {};              ///< see closeLiveSession()
     };
 
     boost::asio::io_context& io_;

@@ -13,8 +13,10 @@
 
 #include "usdlive/common/core/Thread.h"
 #include "usdlive/server/app/AuditLog.h"
+#include "usdlive/server/app/LiveSessionFolder.h"
 #include "usdlive/server/app/Metrics.h"
 #include "usdlive/server/app/Options.h"
+#include "usdlive/server/app/ProjectPlace.h"
 #include "usdlive/server/app/Workers.h"
 #include "usdlive/server/auth/SignIn.h"
 #include "usdlive/server/transport/FileRequest.h"
@@ -23,8 +25,9 @@
 
 namespace usdlive::server {
 
-/// One project of this process: its disk, its threads and its transports. It has a thread for its
-/// network and one for its storage, and a share of the process's workers. Functions may be called
+/// One project of this process, or one of its live sessions: its disk, its threads and its
+/// transports. It has a thread for its network and one for its storage, and a share of the
+/// process's workers. Functions may be called
 /// from any thread, unless a comment says otherwise.
 class ServedProject {
 public:
@@ -54,9 +57,8 @@ public:
 
     /// `changed` is called after each change of status(), usually on the project's thread.
     /// `workers`, `audit` and `options` must outlive this object.
-    ServedProject(std::string name, std::filesystem::path folder, const ServerOptions& options,
-                  Workers& workers, AuditLog& audit, std::unique_ptr<Log> log,
-                  std::function<void()> changed);
+    ServedProject(ProjectPlace place, const ServerOptions& options, Workers& workers,
+                  AuditLog& audit, std::unique_ptr<Log> log, std::function<void()> changed);
     /// Blocks until stop() has finished.
     ~ServedProject();
     ServedProject(const ServedProject&) = delete;
@@ -69,8 +71,9 @@ public:
     /// is Failed until start() is called again.
     [[nodiscard]] bool lacksThreads() const;
 
+    /// Returns the name in addresses: ProjectPlace::name().
     [[nodiscard]] const std::string& name() const { return name_; }
-    [[nodiscard]] const std::filesystem::path& folder() const { return folder_; }
+    [[nodiscard]] const ProjectPlace& place() const { return place_; }
     [[nodiscard]] Status status() const;
     /// Returns the filter for texts that clients are sent.
     [[nodiscard]] const PublicText& texts() const { return texts_; }
@@ -88,6 +91,9 @@ public:
     void rolesChanged(std::shared_ptr<const Accounts> accounts, std::function<void()> done);
     /// Calls `done` once, on the project's thread or this one. A busy project answers late.
     void report(std::function<void(Report)> done);
+    /// Makes a live session, which shares everything that was confirmed up to now (LV1). `done`
+    /// gets the result on any thread; an error if the project is not served.
+    void branch(LiveSessionRecord wanted, std::function<void(Result<LiveSessionRecord>)> done);
     /// Notifies all clients, sends the acknowledgements and closes the store. The status becomes
     /// Stopped.
     void stop();
@@ -103,8 +109,8 @@ private:
     /// Calls `use(Running&)` on the project's thread. Returns false if the project is not served.
     bool post(std::function<void(Running&)> use);
 
+    const ProjectPlace place_;
     const std::string name_;
-    const std::filesystem::path folder_;
     const PublicText texts_;
     const ServerOptions& options_;
     Workers& workers_;

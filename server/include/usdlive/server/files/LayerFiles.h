@@ -77,4 +77,10 @@ public:
 [[nodiscard]] Result<std::unique_ptr<LayerFiles>> createLayerFiles(
     const std::filesystem::path& folder, BlobStore& blobs);
 
+/// The same folder as a live session sees it (LV2): layers that it has not used yet are read from
+/// their files, and no file is written. save() returns SaveFailed, which says how the changes get
+/// into files. create() reserves the name of a layer, which import() then gives as an empty one.
+[[nodiscard]] Result<std::unique_ptr<LayerFiles>> createLiveSessionFiles(
+    const std::filesystem::path& folder, const std::string& liveSession, BlobStore& blobs);
+
 }  // namespace usdlive::server

@@ -27,6 +27,8 @@ struct RocksCommitStoreOptions {
     /// The time limit for verifying the hash chain at opening, newest commits first. Older commits
     /// are verified when they are read.
     std::chrono::milliseconds verifyTime{2'000};
+    /// The store is a copy that goes its own way from now on: it takes another identity (ID1).
+    bool isNewLine = false;
 };
 
 /// Starts the threads that RocksDB shares among all stores of the process, which run as long as the

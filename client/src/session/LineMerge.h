@@ -1,0 +1,93 @@
+// Brings what one line of history has changed to another one.
+#pragma once
+
+#include <cstddef>
+#include <functional>
+#include <map>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "usdlive/common/layer/TransactionExecutor.h"
+
+namespace usdlive::client {
+
+/// Something that both lines have changed since they parted, and not in the same way.
+struct MergeConflict {
+    enum class What {
+        Value,    ///< both have written the register
+        Deleted,  ///< one has deleted a spec that the other has changed, or something below it
+        Moved,    ///< both have renamed or moved the spec
+        /// The change is not possible in the other line, for the `reason`: it has another spec at
+        /// that place, for example. From is an error here.
+        Refused
+    };
+    What what = What::Value;
+    LayerId layer;
+    /// The spec's path in the line that is merged; if it is deleted there, the one before.
+    std::string path;
+    std::string field;  ///< empty: the spec itself
+    FieldPart part = {};
+    /// The register's contents when the lines parted, and now in each; nothing: absent.
+    std::optional<FieldValue> before = {}, into = {}, from = {};
+    bool isDeletedFrom = false;  ///< the line that is merged has deleted the spec
+    std::string reason = {};
+    UserName intoUser, fromUser;  ///< the last users who have changed the spec in each line
+};
+
+/// Which line's change counts.
+enum class Side { Undecided, Into, From };
+
+/// Makes the edits that bring the changes of one line (`from`) to another one (`into`). Both begin
+/// with the same layers at the same revision. Changes are carried through what the other line has
+/// renamed, moved and deleted since, as the server carries an edit of an earlier revision (M3).
+///
+/// Add the commits of both lines in order, then call merge(), any number of times. One thread.
+class LineMerge {
+public:
+    /// `common`: the layers when the lines parted, at `revision`. A layer that only one line uses
+    /// is there as it was when that line began to use it. Edits of other layers are ignored.
+    LineMerge(LayerDocs common, Revision revision);
+
+    /// Error: one of LayerDoc::apply(), if the commit does not follow those before.
+    Result<void> addFrom(const Commit& commit) { return from_.add(commit); }
+    Result<void> addInto(const Commit& commit) { return into_.add(commit); }
+    /// The layer did not have the common content in the other line, when that began to use it.
+    /// `content`: what it has now.
+    void setInto(const LayerId& layer, const LayerDoc& content);
+
+    [[nodiscard]] const LayerDocs& into() const { return into_.docs; }
+    /// Returns the layers that the merged line has changed.
+    [[nodiscard]] std::vector<LayerId> changed() const;
+
+    struct Merged {
+        std::vector<AuthoredEdit> edits;       ///< in an order in which they apply to into()
+        std::vector<MergeConflict> conflicts;  ///< all of them, with the decision for each
+        std::vector<Side> decisions;
+        /// Changes of specs that the other line has deleted; they are left out.
+        std::size_t dropped = 0;
+    };
+    /// `decide` is called once for each conflict. What is undecided counts as Into. Error:
+    /// InvalidArgument if From was decided for a change that the other line refuses.
+    [[nodiscard]] Result<Merged> merge(
+        const std::function<Side(const MergeConflict&)>& decide) const;
+
+private:
+    // A line since the lines parted.
+    struct Line {
+        LayerDocs docs;
+        NamespaceLog log;
+        Revision revision;
+        std::map<std::pair<LayerId, NodeId>, UserName> users;  // the last ones who changed a spec
+
+        Result<void> add(const Commit& commit);
+    };
+    class Comparison;
+
+    const LayerDocs common_;
+    const Revision revision_;
+    Line from_, into_;
+};
+
+}  // namespace usdlive::client

@@ -1,0 +1,68 @@
+// The live sessions of a project on the disk.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "usdlive/common/core/Hash.h"
+#include "usdlive/common/core/Id.h"
+#include "usdlive/common/core/Result.h"
+#include "usdlive/server/app/ProjectPlace.h"
+#include "usdlive/server/storage/RocksCommitStore.h"
+
+namespace usdlive::server {
+
+/// A live session without its history.
+struct LiveSessionRecord {
+    std::string name;
+    UserName creator;
+    std::int64_t timeMs = 0;  ///< when it was created, in milliseconds since 1970
+    Revision revision = 0;    ///< the newest one that it shares with the main line
+    bool isEnded = false;     ///< nobody can connect to it; its history is kept
+    Revision merged = 0;      ///< revision of the main line that has its changes; 0: none
+};
+
+/// The folders `.usdlive/sessions/NAME` of a project. Each has the file `session.json`, a store and
+/// big values. Any thread, but one at a time for a name. All functions read or write the disk.
+class LiveSessionFolder {
+public:
+    static constexpr std::size_t kMostNameBytes = 100;
+    /// A project may have this many live sessions, with those that were ended.
+    static constexpr std::size_t kMost = 200;
+
+    explicit LiveSessionFolder(std::filesystem::path project) : project_(std::move(project)) {}
+
+    /// Error: InvalidArgument says what is wrong with the name.
+    [[nodiscard]] static Result<void> checkName(std::string_view name);
+
+    /// Returns all live sessions whose record can be read, by name.
+    [[nodiscard]] std::vector<LiveSessionRecord> list() const;
+    /// Removes those whose creation or removal was interrupted. Call it while neither is under way.
+    void removeUnfinished() const;
+
+    /// Makes a line of history that shares everything up to now with the main line. `copyStore`
+    /// copies the store of the main line into a new folder. Files are shared, not copied, where the
+    /// disk can. After an error nothing is left. Errors: InvalidArgument (the name, or it exists),
+    /// those of the store.
+    using CopyStore = std::function<Result<void>(const std::filesystem::path& folder)>;
+    [[nodiscard]] Result<LiveSessionRecord> create(LiveSessionRecord wanted,
+                                                   const CopyStore& copyStore,
+                                                   const RocksCommitStoreOptions& options) const;
+    /// Replaces the record. Error: StorageFailed, StorageFull.
+    [[nodiscard]] Result<void> write(const LiveSessionRecord& record) const;
+    /// Removes a live session with its history. Its store must be closed.
+    [[nodiscard]] Result<void> remove(const std::string& name) const;
+
+private:
+    [[nodiscard]] std::filesystem::path sessions() const {
+        return project_ / ".usdlive" / "sessions";
+    }
+
+    std::filesystem::path project_;
+};
+
+}  // namespace usdlive::server

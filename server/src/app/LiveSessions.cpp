@@ -1,0 +1,247 @@
+// Does what requests ask for with live sessions.
+#include "usdlive/server/app/LiveSessions.h"
+
+#include <algorithm>
+#include <boost/asio/post.hpp>
+#include <nlohmann/json.hpp>
+#include <utility>
+
+namespace usdlive::server {
+
+namespace asio = boost::asio;
+
+namespace {
+
+using Json = nlohmann::json;
+
+constexpr unsigned kBadWish = 400, kForbidden = 403, kNoSuchSession = 404, kNotAsItIs = 409,
+                   kServedLater = 503, kNoSpace = 507;
+
+HttpReply sentence(unsigned status, const std::string& text) {
+    return {"text/plain", text + "\n", status};
+}
+
+HttpReply json(const Json& content) {
+    return {"application/json",
+            content.dump(-1, ' ', false, Json::error_handler_t::replace) + "\n"};
+}
+
+Json jsonOf(const LiveSessionRecord& record) {
+    return {{"name", record.name},     {"creator", record.creator.value},
+            {"time", record.timeMs},   {"revision", record.revision},
+            {"ended", record.isEnded}, {"merged", record.merged}};
+}
+
+unsigned statusOf(ErrorCode code) {
+    switch (code) {
+        case ErrorCode::InvalidArgument:
+            return kNotAsItIs;
+        case ErrorCode::LayerNotFound:
+            return kNoSuchSession;
+        case ErrorCode::StorageFull:
+            return kNoSpace;
+        default:
+            return kServedLater;
+    }
+}
+
+/// Error: InvalidArgument or LayerNotFound says what to do.
+Result<LiveSessionRecord> recordOf(const LiveSessionFolder& folder, const std::string& name,
+                                   bool isEnded) {
+    for (LiveSessionRecord& one : folder.list()) {
+        if (one.name != name) continue;
+        if (one.isEnded == isEnded) return std::move(one);
+        return fail(ErrorCode::InvalidArgument,
+                    isEnded ? "the live session " + name + " is in use: end it first"
+                            : "the live session " + name + " was ended already");
+    }
+    return fail(ErrorCode::LayerNotFound, "the project has no live session " + name);
+}
+
+}  // namespace
+
+struct LiveSessions::Change {
+    ProjectPlace place;  // that of the live session
+    LiveSessionFolder folder;
+    Wanted wanted;
+    Asking asking;
+    HttpAnswer answer;
+};
+
+LiveSessions::LiveSessions(asio::io_context& io, Projects& projects, Workers& workers,
+                           AuditLog& audit, Log& log)
+    : io_(io), projects_(projects), audit_(audit), log_(log), workers_(workers.history.share()) {}
+
+LiveSessions::~LiveSessions() { life_.reset(); }
+
+template <class Work, class Then>
+void LiveSessions::inBackground(Work work, Then then) {
+    workers_->post([io = &io_, weak = std::weak_ptr(life_), work = std::move(work),
+                    then = std::move(then)]() mutable {
+        asio::post(*io, [weak, then = std::move(then), done = work()]() mutable {
+            if (!weak.expired()) then(std::move(done));
+        });
+    });
+}
+
+HttpPage LiveSessions::list(const ServedProject& project) {
+    return [this, place = project.place()](const HttpAnswer& answer) {
+        inBackground([folder = LiveSessionFolder(place.folder)] { return folder.list(); },
+                     [this, place, answer](const std::vector<LiveSessionRecord>& records) {
+                         Json all = Json::array();
+                         for (const LiveSessionRecord& record : records) {
+                             Json one = jsonOf(record);
+                             ProjectPlace its = place;
+                             its.liveSession = record.name;
+                             one["project"] = its.name();
+                             const ServedProject* const served = projects_.find(its.name());
+                             const auto status =
+                                 served ? served->status() : ServedProject::Status();
+                             one["served"] = status.state == ServedProject::State::Serving;
+                             if (status.error)
+                                 one["error"] = served->texts()(*status.error).message;
+                             all.push_back(std::move(one));
+                         }
+                         answer(json({{"project", place.project}, {"sessions", all}}));
+                     });
+    };
+}
+
+HttpRoute LiveSessions::change(const ServedProject& project, const Wanted& wanted,
+                               const Asking& asking) {
+    using Do = void (LiveSessions::*)(const ChangePtr&);
+    const Do run = wanted.verb == "create"    ? &LiveSessions::create
+                   : wanted.verb == "end"     ? &LiveSessions::end
+                   : wanted.verb == "restore" ? &LiveSessions::restore
+                   : wanted.verb == "delete"  ? &LiveSessions::remove
+                                              : nullptr;
+    if (!run) return sentence(kNoSuchSession, "a live session cannot " + wanted.verb);
+    if (const auto valid = LiveSessionFolder::checkName(wanted.name); !valid)
+        return sentence(kBadWish, valid.error().message);
+    if (asking.role < Role::Editor)
+        return sentence(kForbidden, asking.user.value + " is a " +
+                                        std::string(kRoleNames[std::size_t(asking.role)]) +
+                                        " here; an editor can " + wanted.verb + " live sessions");
+    ProjectPlace place = project.place();
+    place.liveSession = wanted.name;
+    const auto change = std::make_shared<Change>(
+        Change{place, LiveSessionFolder(place.folder), wanted, asking, {}});
+    return HttpAction{[this, change, run](const HttpAnswer& answer) {
+        change->answer = answer;
+        if (changing_.insert(change->place.name()).second) return (this->*run)(change);
+        answer(sentence(kNotAsItIs, "somebody changes this live session; try again"));
+    }};
+}
+
+void LiveSessions::create(const ChangePtr& change) {
+    LiveSessionRecord wanted;
+    wanted.name = change->wanted.name;
+    wanted.creator = change->asking.user;
+    wanted.timeMs = auditTime();
+    ProjectPlace mainLine = change->place;
+    mainLine.liveSession.clear();
+    ServedProject* const project = projects_.find(mainLine.name());
+    if (!project) return finish(change, fail(ErrorCode::ShuttingDown, "the project was closed"));
+    project->branch(wanted, [this, weak = std::weak_ptr(life_), io = &io_, change,
+                             mainLine](Result<LiveSessionRecord> made) {
+        asio::post(*io, [this, weak, change, mainLine, made = std::move(made)] {
+            if (weak.expired()) return;
+            const ServedProject* const now = projects_.find(mainLine.name());
+            if (!made || !now) return finish(change, made);
+            projects_.openLiveSession(*now, change->wanted.name,
+                                      [this, change, made](const Result<void>& opened) {
+                                          if (opened) return finish(change, made);
+                                          finish(change, tl::unexpected(opened.error()));
+                                      });
+        });
+    });
+}
+
+void LiveSessions::end(const ChangePtr& change) {
+    inBackground(
+        [change]() -> Result<LiveSessionRecord> {
+            auto record = recordOf(change->folder, change->wanted.name, false);
+            if (!record) return record;
+            record->isEnded = true;
+            if (change->wanted.merged > 0) record->merged = change->wanted.merged;
+            if (auto written = change->folder.write(*record); !written)
+                return tl::unexpected(written.error());
+            return record;
+        },
+        [this, change](const Result<LiveSessionRecord>& ended) {
+            if (!ended) return finish(change, ended);
+            projects_.closeLiveSession(change->place.name(),
+                                       [this, change, ended] { finish(change, ended); });
+        });
+}
+
+void LiveSessions::restore(const ChangePtr& change) {
+    inBackground(
+        [change]() -> Result<LiveSessionRecord> {
+            auto record = recordOf(change->folder, change->wanted.name, true);
+            if (!record) return record;
+            record->isEnded = false;
+            if (auto written = change->folder.write(*record); !written)
+                return tl::unexpected(written.error());
+            return record;
+        },
+        [this, change](const Result<LiveSessionRecord>& restored) {
+            ProjectPlace mainLine = change->place;
+            mainLine.liveSession.clear();
+            const ServedProject* const project = projects_.find(mainLine.name());
+            if (!restored || !project) return finish(change, restored);
+            projects_.openLiveSession(*project, change->wanted.name,
+                                      [this, change, restored](const Result<void>& opened) {
+                                          if (opened) return finish(change, restored);
+                                          finish(change, tl::unexpected(opened.error()));
+                                      });
+        });
+}
+
+void LiveSessions::remove(const ChangePtr& change) {
+    inBackground(
+        [change]() -> Result<LiveSessionRecord> {
+            auto record = recordOf(change->folder, change->wanted.name, true);
+            if (!record) return record;
+            const Asking& asking = change->asking;
+            if (asking.role < Role::Admin && asking.user != record->creator)
+                return fail(ErrorCode::InvalidArgument,
+                            "only " + record->creator.value +
+                                ", who has created it, and administrators can delete the live "
+                                "session " +
+                                record->name);
+            if (auto removed = change->folder.remove(record->name); !removed)
+                return tl::unexpected(removed.error());
+            return record;
+        },
+        [this, change](const Result<LiveSessionRecord>& removed) { finish(change, removed); });
+}
+
+void LiveSessions::finish(const ChangePtr& change, const Result<LiveSessionRecord>& done) {
+    changing_.erase(change->place.name());
+    const auto& [place, folder, wanted, asking, answer] = *change;
+    if (!done) {
+        log_.write(LogLevel::Warning, "live session not changed",
+                   {{"project", place.project},
+                    {"session", wanted.name},
+                    {"verb", wanted.verb},
+                    {"error", done.error().message}});
+        return answer(sentence(statusOf(done.error().code), done.error().message));
+    }
+    const char* const event = wanted.verb == "create"    ? "live session created"
+                              : wanted.verb == "end"     ? "live session ended"
+                              : wanted.verb == "restore" ? "live session restored"
+                                                         : "live session deleted";
+    log_.write(LogLevel::Info, event,
+               {{"project", place.project}, {"session", wanted.name}, {"user", asking.user.value}});
+    audit_.record({.event = event,
+                   .user = asking.user.value,
+                   .from = asking.peer,
+                   .project = place.project,
+                   .detail = wanted.name});
+    Json reply = jsonOf(*done);
+    reply["project"] = place.name();
+    answer(json(reply));
+}
+
+}  // namespace usdlive::server

@@ -1,0 +1,372 @@
+"""Live sessions: lines of history beside the main line of a project, and their merge (LV1-LV6)."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import pathlib
+import signal
+import subprocess
+import urllib.error
+import urllib.request
+
+import pytest
+import usdlive
+from conftest import cat, connect, refused, run
+from pxr import Ar, Gf, Sdf, Vt
+
+ROOT = """#usda 1.0
+
+def Xform "World"
+{
+    int number = 0
+    float3[] points
+
+    def Sphere "Ball"
+    {
+        double radius = 1
+    }
+
+    def Sphere "Gone"
+    {
+        double radius = 5
+    }
+}
+"""
+BIG = 300_000  # points; a big value
+MERGE = ("session", "merge")
+FAULTY = pathlib.Path(os.environ["USDLIVE_BUILD"]) / "bin" / "usdlive-server-faults"
+KILLED = 9  # the exit status with which Faults.h ends the process
+
+
+@pytest.fixture
+def project(project):
+    (project / "root.usda").write_text(ROOT)
+    return project
+
+
+def at(server, name: str) -> str:
+    return f"{server.url}?session={name}"
+
+
+def join(server, name: str, user: str) -> usdlive.Live:
+    return usdlive.connect(at(server, name), user=user, application="test")
+
+
+def listed(server) -> dict[str, dict]:
+    return {one["name"]: one for one in json.loads(run("session", "list", server.url, "--json"))}
+
+
+def posted(server, path: str) -> tuple[int, str]:
+    request = urllib.request.Request(server.url.replace("ws://", "http://") + path, method="POST")
+    try:
+        with urllib.request.urlopen(request) as answer:
+            return answer.status, answer.read().decode()
+    except urllib.error.HTTPError as error:
+        return error.code, error.read().decode()
+
+
+def moved(layer: Sdf.Layer, before: str, after: str) -> None:
+    batch = Sdf.BatchNamespaceEdit()
+    batch.Add(before, after or Sdf.Path.emptyPath)
+    assert layer.Apply(batch)
+
+
+def test_lv1_a_live_session_goes_its_own_way(project, serve):
+    server = serve(project)
+    with connect(server, "ada") as ada:
+        layer = ada.open_layer("root.usda")
+        layer.GetAttributeAtPath("/World.number").default = 1
+        layer.GetAttributeAtPath("/World.points").default = Vt.Vec3fArray(BIG, Gf.Vec3f(1, 2, 3))
+        assert ada.flush(20)
+        assert "from #" in run("session", "create", server.url, "dusk", "--user", "bo")
+        with join(server, "dusk", "bo") as bo, join(server, "dusk", "cy") as cy:
+            idea, seen = bo.open_layer("root.usda"), cy.open_layer("root.usda")
+            assert len(idea.GetAttributeAtPath("/World.points").default) == BIG, "big values are there, too"
+            idea.GetAttributeAtPath("/World.number").default = 2
+            layer.GetAttributeAtPath("/World.number").default = 3
+            assert bo.flush(20) and ada.flush(20)
+            assert cy.wait(lambda: seen.GetAttributeAtPath("/World.number").default == 2, 20)
+            people = run("who", at(server, "dusk"))
+            assert "bo" in people and "cy" in people and "ada" not in people
+            assert layer.GetAttributeAtPath("/World.number").default == 3
+        assert "int number = 3" in cat(server, "root.usda")
+    # Both go on after the server, each with its history.
+    server.stop()
+    server.start()
+    assert "int number = 3" in cat(server, "root.usda")
+    assert "int number = 2" in run("cat", f"{server.url}/root.usda?session=dusk")
+    assert "bo" in run("log", at(server, "dusk")) and "bo" not in run("log", server.url)
+
+
+def test_lv1_over_dds(project, serve, dds_domain):
+    server = serve(project, "--dds", "--dds-domain", str(dds_domain))
+    run("session", "create", server.url, "dusk")
+    with usdlive.connect(f"dds://{project.name}?session=dusk", user="bo") as bo:
+        layer = bo.open_layer("root.usda")
+        layer.GetAttributeAtPath("/World.number").default = 2
+        assert bo.flush(20)
+    assert "int number = 2" in run("cat", f"{server.url}/root.usda?session=dusk")
+    assert "int number = 0" in cat(server, "root.usda")
+
+
+def test_lv2_a_live_session_writes_no_files(project, serve):
+    server = serve(project)
+    run("session", "create", server.url, "dusk")
+    with join(server, "dusk", "bo") as bo:
+        bo.open_layer("root.usda").GetAttributeAtPath("/World.number").default = 2
+        bo.create_layer("new.usda")
+        new = bo.open_layer("new.usda")
+        Sdf.CreatePrimInLayer(new, "/New")
+        assert bo.flush(20)
+        assert "usdlive session merge" in str(bo.save("root.usda").failed)
+        with pytest.raises(usdlive.Error, match="root.usda"):
+            bo.create_layer("root.usda")
+    assert (project / "root.usda").read_text() == ROOT
+    assert not (project / "new.usda").exists()
+    assert "New" in run("cat", f"{server.url}/new.usda?session=dusk")
+    assert "new.usda" not in run("ls", server.url)
+
+
+def test_lv1_a_stage_finds_its_layers_and_files(project, serve):
+    """References and textures of a session are found under its name."""
+    (project / "sets").mkdir()
+    (project / "sets" / "room.usda").write_text('#usda 1.0\n(\n    defaultPrim = "Room"\n)\ndef "Room"\n{\n'
+                                                '    asset picture = @../tex/brick.png@\n}\n')
+    (project / "tex").mkdir()
+    (project / "tex" / "brick.png").write_bytes(b"brick")
+    server = serve(project)
+    run("session", "create", server.url, "dusk")
+    with join(server, "dusk", "bo") as bo, join(server, "dusk", "cy") as cy:
+        stage, other = bo.open_stage("root.usda"), cy.open_stage("root.usda")
+        stage.DefinePrim("/World/Room").GetReferences().AddReference("./sets/room.usda")
+        assert bo.flush(20)
+        for live, one in ((bo, stage), (cy, other)):
+            def picture(one=one):
+                return one.GetAttributeAtPath("/World/Room.picture")
+
+            assert live.wait(lambda picture=picture: picture() and picture().Get().resolvedPath, 30)
+            asset = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(picture().Get().resolvedPath))
+            assert bytes(asset.GetBuffer()) == b"brick"
+
+
+def test_lv3_lv4_sessions_are_listed_ended_restored_and_deleted(project, serve):
+    server = serve(project)
+    assert "no live sessions" in run("session", "list", server.url)
+    run("session", "create", server.url, "dusk", "--user", "bo")
+    assert "choose another name" in refused("session", "create", server.url, "dusk")
+    for name in ("", ".dusk", "a/b", "a\nb", "a?b", "x" * 101, "dusk.part"):
+        assert "cannot have the name" in refused("session", "create", server.url, name), name
+    dusk = listed(server)["dusk"]
+    assert (dusk["creator"], dusk["ended"], dusk["merged"], dusk["url"]) == ("bo", False, 0, at(server, "dusk"))
+    assert "end it first" in refused("session", "delete", server.url, "dusk")
+    with join(server, "dusk", "bo") as bo:
+        bo.open_layer("root.usda").GetAttributeAtPath("/World.number").default = 2
+        assert bo.flush(20)
+        run("session", "end", server.url, "dusk")
+        assert bo.wait(lambda: not bo.connected, 20)
+        assert "ended already" in refused("session", "end", server.url, "dusk")
+        assert "dusk" in refused("ls", at(server, "dusk"))
+        run("session", "restore", server.url, "dusk")
+        assert bo.wait(lambda: bo.connected, 20), "an editor finds it again by itself"
+        bo.open_layer("root.usda").GetAttributeAtPath("/World.number").default = 3
+        assert bo.flush(20)
+    run("session", "end", server.url, "dusk")
+    run("session", "delete", server.url, "dusk")
+    assert listed(server) == {}
+    assert not list((project / ".usdlive" / "sessions").iterdir())
+    # Another one of this name is another history.
+    run("session", "create", server.url, "dusk")
+    assert "int number = 0" in run("cat", f"{server.url}/root.usda?session=dusk")
+
+
+def test_lv4_requests_that_are_wrong(project, serve):
+    server = serve(project)
+    assert posted(server, "/sessions/dusk/create?user=bo")[0] == 200
+    assert posted(server, f"/{project.name}/sessions/dawn/create")[0] == 200
+    for path, status in {"/sessions/none/end": 404, "/sessions/dusk/fly": 404, "/nowhere/sessions/x/create": 404,
+                         "/sessions/dusk": 400, "/sessions/x/create?what=1": 400, "/sessions/x/end?merged=x": 400,
+                         "/sessions/%2e/create": 400, "/sessions/a%2fb/create": 400, "/sessions/dusk/create": 409}.items():
+        code, body = posted(server, path)
+        assert (code, len(body.splitlines())) == (status, 1), (path, code, body)
+    with pytest.raises(urllib.error.HTTPError) as refused_get:
+        urllib.request.urlopen(server.url.replace("ws://", "http://") + "/sessions/x/create")
+    assert refused_get.value.code == 405
+    assert set(listed(server)) == {"dusk", "dawn"}
+
+
+def test_lv4_an_unfinished_session_does_not_exist(project, serve):
+    server = serve(project)
+    cat(server, "root.usda")
+    server.stop()
+    part = project / ".usdlive" / "sessions" / "half.part" / "store"
+    part.mkdir(parents=True)
+    server.start()
+    assert listed(server) == {} and not part.exists()
+    run("session", "create", server.url, "half")
+    assert set(listed(server)) == {"half"}
+
+
+def test_lv4_a_killed_server_has_the_whole_session(project, serve):
+    server = serve(project)
+    run("session", "create", server.url, "dusk")
+    with join(server, "dusk", "bo") as bo:
+        bo.open_layer("root.usda").GetAttributeAtPath("/World.number").default = 2
+        assert bo.flush(20)
+    server.process.send_signal(signal.SIGKILL)
+    server.process.wait()
+    server.start()
+    assert "int number = 2" in run("cat", f"{server.url}/root.usda?session=dusk")
+
+
+@pytest.mark.parametrize("point", ["live-session-before", "live-session-after"])
+def test_lv4_a_server_that_dies_while_it_makes_a_session(point, project, serve):
+    server = serve(project)
+    with connect(server, "ada") as ada:
+        ada.open_layer("root.usda").GetAttributeAtPath("/World.number").default = 1
+        assert ada.flush(20)
+    server.stop()
+    product, server.program = server.program, [str(FAULTY)]
+    server.environment = {"USDLIVE_FAULT": f"{point}:1"}
+    server.start()
+    assert refused("session", "create", server.url, "dusk")
+    assert server.process.wait(timeout=20) == KILLED
+    server.program, server.environment = product, {}
+    server.start()
+    assert listed(server) == {} and not list((project / ".usdlive" / "sessions").iterdir())
+    run("session", "create", server.url, "dusk")
+    assert "int number = 1" in run("cat", f"{server.url}/root.usda?session=dusk")
+
+
+def test_lv4_a_full_disk_makes_no_session(small_disk, serve):
+    disk = small_disk("64m")
+    (disk / "project").mkdir()
+    (disk / "project" / "root.usda").write_text(ROOT)
+    server = serve(disk / "project")
+    cat(server, "root.usda")
+    ballast = disk / "ballast"
+    with ballast.open("wb") as file, contextlib.suppress(OSError):
+        while True:
+            file.write(bytes(1 << 16))
+    assert "full" in refused("session", "create", server.url, "dusk")
+    assert listed(server) == {}
+    ballast.unlink()
+    run("session", "create", server.url, "dusk")
+    assert set(listed(server)) == {"dusk"}
+
+
+def test_lv5_a_damaged_session_concerns_nobody_else(project, serve):
+    server = serve(project)
+    run("session", "create", server.url, "dusk")
+    server.stop()
+    (project / ".usdlive" / "sessions" / "dusk" / "store" / "db" / "CURRENT").write_text("damaged")
+    server.start()
+    assert "int number = 0" in cat(server, "root.usda")
+    assert "usdlive session delete" in listed(server)["dusk"]["error"]
+    assert "cannot be opened" in run("session", "list", server.url)
+    assert "damaged" in refused("ls", at(server, "dusk"))
+    run("session", "end", server.url, "dusk")
+    run("session", "delete", server.url, "dusk")
+    assert listed(server) == {}
+
+
+def test_lv6_a_merge_carries_a_session_through_what_happened(project, serve):
+    server = serve(project)
+    with connect(server, "ada") as ada:
+        layer = ada.open_layer("root.usda")
+        layer.GetAttributeAtPath("/World.number").default = 1
+        assert ada.flush(20)
+        run("session", "create", server.url, "dusk")
+        with join(server, "dusk", "bo") as bo:
+            idea = bo.open_layer("root.usda")
+            idea.GetAttributeAtPath("/World/Ball.radius").default = 7
+            idea.GetAttributeAtPath("/World.points").default = Vt.Vec3fArray(BIG, Gf.Vec3f(1, 2, 3))
+            moved(idea, "/World/Gone", "/World/Kept")
+            Sdf.CreatePrimInLayer(idea, "/World/Ball/Below").specifier = Sdf.SpecifierDef
+            bo.create_layer("new.usda")
+            Sdf.CreatePrimInLayer(bo.open_layer("new.usda"), "/New").specifier = Sdf.SpecifierDef
+            assert bo.flush(20)
+        moved(layer, "/World/Ball", "/World/Globe")
+        layer.GetAttributeAtPath("/World/Gone.radius").default = 8
+        assert ada.flush(20)
+        dry = json.loads(run("session", "merge", server.url, "dusk", "--dry-run", "--json"))
+        assert (dry["conflicts"], dry["created"], "revision" in dry) == ([], ["new.usda"], False)
+        assert listed(server)["dusk"]["merged"] == 0 and "Kept" not in cat(server, "root.usda")
+        done = json.loads(run("session", "merge", server.url, "dusk", "--json"))
+        assert done["conflicts"] == [] and done["dropped"] == 0
+        assert ada.wait(lambda: layer.GetPrimAtPath("/World/Kept"), 20)
+        assert layer.GetAttributeAtPath("/World/Globe.radius").default == 7
+        assert layer.GetPrimAtPath("/World/Globe/Below") and not layer.GetPrimAtPath("/World/Ball")
+        assert layer.GetAttributeAtPath("/World/Kept.radius").default == 8, "the main line's own change is kept"
+        points = layer.GetAttributeAtPath("/World.points")
+        assert ada.wait(lambda: points.default == Vt.Vec3fArray(BIG, Gf.Vec3f(1, 2, 3)), 20)
+    assert "New" in cat(server, "new.usda") and (project / "new.usda").exists()
+    assert "Merge dusk" in run("log", server.url)
+    dusk = listed(server)["dusk"]
+    assert dusk["ended"] and dusk["merged"] == done["revision"]
+    assert "merged in #" in refused("session", "merge", server.url, "dusk")
+    # A save writes what was merged.
+    run("save", server.url)
+    assert "Kept" in (project / "root.usda").read_text()
+
+
+def test_lv6_conflicts_are_decided_before_anything_is_merged(project, serve):
+    server = serve(project)
+    with connect(server, "ada") as ada:
+        layer = ada.open_layer("root.usda")
+        assert ada.flush(20)
+        run("session", "create", server.url, "dusk")
+        with join(server, "dusk", "bo") as bo:
+            idea = bo.open_layer("root.usda")
+            idea.GetAttributeAtPath("/World.number").default = 22
+            idea.GetAttributeAtPath("/World/Ball.radius").default = 7
+            idea.GetAttributeAtPath("/World/Gone.radius").default = 6
+            assert bo.flush(20)
+        layer.GetAttributeAtPath("/World.number").default = 11
+        moved(layer, "/World/Gone", "")
+        assert ada.flush(20)
+        before = cat(server, "root.usda")
+        said = subprocess.run([os.environ["USDLIVE_BIN"], *MERGE, server.url, "dusk", "--json"], capture_output=True, text=True)
+        found = {one["path"]: one for one in json.loads(said.stdout)["conflicts"]}
+        assert said.returncode == 1 and "2 conflicts are not decided" in said.stderr
+        assert set(found) == {"/World.number", "/World/Gone"}
+        number = found["/World.number"]
+        assert (number["mainUser"], number["sessionUser"], number["take"]) == ("ada", "bo", "undecided")
+        assert [number[side]["value"] if isinstance(number[side], dict) else number[side]
+                for side in ("before", "main", "session")] == [0, 11, 22]
+        assert cat(server, "root.usda") == before and not listed(server)["dusk"]["ended"]
+        run(*MERGE, server.url, "dusk", "--take", "session", "--main", "/World.number")
+        text = cat(server, "root.usda")
+        assert "int number = 11" in text and "double radius = 7" in text
+        assert "double radius = 6" in text, "the deleted prim is back, with the session's change"
+
+
+def test_lv6_a_session_can_go_on_after_a_merge(project, serve):
+    server = serve(project)
+    run("session", "create", server.url, "dusk")
+    with join(server, "dusk", "bo") as bo:
+        idea = bo.open_layer("root.usda")
+        for radius in (7, 8):
+            idea.GetAttributeAtPath("/World/Ball.radius").default = radius
+            assert bo.flush(20)
+            run("session", "merge", server.url, "dusk", "--keep", "--take", "session")
+            assert f"double radius = {radius}" in cat(server, "root.usda")
+        assert "nothing to be merged" in run("session", "merge", server.url, "dusk", "--keep")
+
+
+def test_several_projects_have_their_own_sessions(tmp_path, serve):
+    for name in ("one", "two"):
+        (tmp_path / "all" / name).mkdir(parents=True)
+        (tmp_path / "all" / name / "root.usda").write_text(ROOT)
+    (tmp_path / "assets").mkdir()
+    server = serve(tmp_path / "assets", "--projects", str(tmp_path / "all"))
+    run("session", "create", f"{server.url}/one", "dusk")
+    with usdlive.connect(f"{server.url}/one?session=dusk", user="bo") as bo:
+        bo.open_layer("root.usda").GetAttributeAtPath("/World.number").default = 2
+        assert bo.flush(20)
+    assert "no live sessions" in run("session", "list", f"{server.url}/two")
+    assert "int number = 2" in run("cat", f"{server.url}/one/root.usda?session=dusk")
+    assert "dusk" in refused("ls", f"{server.url}/two?session=dusk")
+    run("session", "merge", f"{server.url}/one", "dusk")
+    assert "int number = 2" in run("cat", f"{server.url}/one/root.usda")

@@ -1,0 +1,298 @@
+// Tests that two lines of history become one: what only one has changed is there, and conflicts are
+// found.
+#include "session/LineMerge.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <map>
+#include <set>
+
+#include "unit/common/history/RandomHistory.h"
+
+using namespace usdlive;
+using namespace usdlive::client;
+
+namespace {
+
+const Side kSides[] = {Side::Into, Side::From};
+constexpr std::int32_t kOld = 1, kNew = 2, kMain = 3;
+
+struct Ended {
+    LayerDoc content;
+    LineMerge::Merged merged;
+};
+
+/// Merges, and applies the edits to the other line.
+Ended ended(const LineMerge& merge, Side side) {
+    auto merged = merge.merge([&](const MergeConflict& conflict) {
+        return conflict.what == MergeConflict::What::Refused ? Side::Into : side;
+    });
+    EXPECT_TRUE(merged) << merged.error().message;
+    Ended result;
+    result.content = merge.into().at(kLayer);
+    if (!merged) return result;
+    for (const AuthoredEdit& edit : merged->edits) {
+        const auto applied = result.content.apply(edit.path, edit.action, LayerDoc::By::Author);
+        EXPECT_TRUE(applied) << edit.path << ": " << applied.error().message;
+    }
+    result.merged = *std::move(merged);
+    return result;
+}
+
+// A composite field without parts. The executor writes fields by their parts, so that it is not
+// there.
+bool isEmpty(const FieldValue& field) {
+    if (const auto* list = field.as<ListOp>())
+        return !list->isExplicit &&
+               std::ranges::all_of(list->lists, [](const ListItems& one) { return one.empty(); });
+    const auto* map = field.as<Map>();
+    return map && map->entries.empty();
+}
+bool hasEmptyFields(const LayerDoc& doc) {
+    bool has = false;
+    doc.visit([&](const LayerDoc::SpecView& spec) {
+        for (const auto& [name, field] : *spec.fields) has = has || isEmpty(field);
+    });
+    return has;
+}
+
+LineMerge lines(const RandomHistory& from, const std::vector<Commit>& into) {
+    LineMerge merge({{kLayer, from.docs.front()}}, 0);
+    for (const Commit& commit : from.commits) EXPECT_TRUE(merge.addFrom(commit));
+    for (const Commit& commit : into) EXPECT_TRUE(merge.addInto(commit));
+    return merge;
+}
+
+// A history that begins as another one does, and then goes its own way.
+std::vector<Commit> other(const RandomHistory& history, unsigned seed, int count) {
+    RandomEdits random(seed + 10'000);
+    LayerDoc doc = history.docs.front();
+    std::vector<Commit> commits;
+    while (int(commits.size()) < count) {
+        Commit commit;
+        commit.revision = commits.size() + 1;
+        commit.user = UserName{"dee"};
+        commit.id.client = ClientId{"dee"};
+        while (commit.edits.empty()) {
+            auto [path, action] = random.edit(doc);
+            if (random.chance(2))
+                std::tie(path, action) =
+                    std::pair(random.of(RandomEdits::paths(doc)), random.fieldEdit());
+            const auto applied = doc.apply(path, action);
+            if (applied && applied->changed)
+                commit.edits.push_back({kLayer, {path, {}}, action, {}});
+        }
+        commits.push_back(std::move(commit));
+    }
+    return commits;
+}
+
+using Fields = std::map<std::string, FieldValue>;
+std::map<NodeId, Fields> fieldsOf(const LayerDoc& doc) {
+    std::map<NodeId, Fields> all;
+    doc.visit([&](const LayerDoc::SpecView& spec) {
+        all[spec.node] = Fields(spec.fields->begin(), spec.fields->end());
+    });
+    return all;
+}
+
+Commit commitOf(Revision revision, std::vector<std::pair<std::string, EditAction>> edits) {
+    Commit commit;
+    commit.revision = revision;
+    commit.user = UserName{"ann"};
+    for (auto& [path, action] : edits) commit.edits.push_back({kLayer, {path, {}}, action, {}});
+    return commit;
+}
+
+LayerDoc scene() {
+    LayerDoc doc;
+    for (const char* path : {"/World", "/World/Ball", "/World/Ball/Dot", "/World/Gone"})
+        EXPECT_TRUE(doc.apply(path, CreateSpec{}));
+    EXPECT_TRUE(doc.apply("/World/Ball", setInt("number", kOld)));
+    return doc;
+}
+
+EditAction named(const std::string& name) { return MoveSpec{{"/World", {}}, name}; }
+
+FieldValue numberIn(const LayerDoc& doc, const std::string& path) {
+    const FieldValue* const field = doc.field(path, "number");
+    return field ? *field : FieldValue();
+}
+FieldValue holding(std::int32_t number) { return intValue(number); }
+
+}  // namespace
+
+TEST(LineMergeProperty, AloneALineIsTheResult) {
+    for (unsigned seed = 1; seed <= seedsOf(300); ++seed) {
+        SCOPED_TRACE(seed);
+        const RandomHistory history(seed, 12);
+        const LayerDoc& last = history.docs.back();
+        if (hasEmptyFields(last) || hasRepeatedItems(last)) continue;
+        const auto result = ended(lines(history, {}), Side::Undecided);
+        ASSERT_EQ(result.content.dump(), history.docs.back().dump());
+        ASSERT_TRUE(result.merged.conflicts.empty());
+        ASSERT_EQ(result.merged.dropped, 0u);
+    }
+}
+
+TEST(LineMergeProperty, ALineWithoutChangesChangesNothing) {
+    for (unsigned seed = 1; seed <= seedsOf(100); ++seed) {
+        SCOPED_TRACE(seed);
+        const RandomHistory history(seed, 0);
+        const auto result = ended(lines(history, other(history, seed, 10)), Side::From);
+        ASSERT_TRUE(result.merged.edits.empty());
+        ASSERT_TRUE(result.merged.conflicts.empty());
+    }
+}
+
+// A field that only one line has changed has its content. Where both have, the chosen one counts.
+TEST(LineMergeProperty, EachFieldHasTheContentOfTheLineThatChangedIt) {
+    std::size_t compared = 0, conflicts = 0, impossible = 0;
+    for (unsigned seed = 1; seed <= seedsOf(400); ++seed) {
+        const RandomHistory history(seed, 10);
+        if (std::ranges::any_of(history.docs, hasRepeatedItems)) continue;
+        for (const Side side : kSides) {
+            SCOPED_TRACE(std::to_string(seed) + (side == Side::From ? " from" : " into"));
+            const LineMerge merge = lines(history, other(history, seed, 10));
+            // A deleted spec cannot come back where another one is by now.
+            const auto asked = merge.merge([&](const MergeConflict& conflict) {
+                return conflict.what == MergeConflict::What::Refused ? Side::Into : side;
+            });
+            if (!asked && side == Side::From && asked.error().code == ErrorCode::InvalidArgument) {
+                ++impossible;
+                continue;
+            }
+            const auto result = ended(merge, side);
+            ASSERT_FALSE(HasFailure());
+            std::set<std::pair<std::string, std::string>> inConflict;
+            for (const MergeConflict& one : result.merged.conflicts)
+                inConflict.emplace(one.path, one.field);
+            conflicts += result.merged.conflicts.size();
+            const auto before = fieldsOf(history.docs.front());
+            const auto from = fieldsOf(history.docs.back());
+            const auto into = fieldsOf(merge.into().at(kLayer));
+            const auto after = fieldsOf(result.content);
+            const auto at = [](const Fields& fields, const std::string& name) {
+                const auto found = fields.find(name);
+                return found == fields.end() ? std::nullopt : std::optional(found->second);
+            };
+            for (const auto& [node, fields] : before) {
+                if (!from.contains(node) || !into.contains(node) || !after.contains(node)) continue;
+                std::set<std::string> names;
+                for (const auto* one : {&fields, &from.at(node), &into.at(node)})
+                    for (const auto& [name, value] : *one) names.insert(name);
+                for (const std::string& name : names) {
+                    const auto was = at(fields, name), inFrom = at(from.at(node), name),
+                               inInto = at(into.at(node), name), is = at(after.at(node), name);
+                    const auto hasNothing = [](const auto& one) { return one && isEmpty(*one); };
+                    if (hasNothing(was) || hasNothing(inFrom) || hasNothing(inInto)) continue;
+                    ++compared;
+                    if (inFrom == was) {
+                        ASSERT_EQ(is, inInto) << node << " " << name;
+                    } else if (inInto == was) {
+                        ASSERT_EQ(is, inFrom) << node << " " << name;
+                    }
+                }
+            }
+        }
+    }
+    EXPECT_GT(compared, seedsOf(400) * 10);
+    EXPECT_GT(conflicts, seedsOf(400) / 4);
+    EXPECT_LT(impossible, seedsOf(400) / 5);
+}
+
+TEST(LineMerge, FollowsARenameOfTheOtherLine) {
+    LineMerge merge({{kLayer, scene()}}, 4);
+    ASSERT_TRUE(merge.addFrom(commitOf(
+        5, {{"/World/Ball/Dot", setInt("number", kNew)}, {"/World/Ball/Extra", CreateSpec{}}})));
+    ASSERT_TRUE(merge.addInto(commitOf(5, {{"/World/Ball", named("Globe")}})));
+    const auto result = ended(merge, Side::Undecided);
+    EXPECT_TRUE(result.merged.conflicts.empty());
+    EXPECT_EQ(numberIn(result.content, "/World/Globe/Dot"), holding(kNew));
+    EXPECT_TRUE(result.content.has("/World/Globe/Extra"));
+    EXPECT_FALSE(result.content.has("/World/Ball"));
+}
+
+TEST(LineMerge, FindsARegisterThatBothHaveChanged) {
+    LineMerge merge({{kLayer, scene()}}, 4);
+    ASSERT_TRUE(merge.addFrom(commitOf(5, {{"/World/Ball", setInt("number", kNew)}})));
+    ASSERT_TRUE(merge.addInto(commitOf(5, {{"/World/Ball", setInt("number", kMain)}})));
+    for (const Side side : kSides) {
+        const auto result = ended(merge, side);
+        ASSERT_EQ(result.merged.conflicts.size(), 1u);
+        const MergeConflict& found = result.merged.conflicts.front();
+        EXPECT_EQ(found.path, "/World/Ball");
+        EXPECT_EQ(found.field, "number");
+        EXPECT_EQ(found.intoUser, UserName{"ann"});
+        EXPECT_EQ(found.before, holding(kOld));
+        EXPECT_EQ(numberIn(result.content, "/World/Ball"),
+                  holding(side == Side::From ? kNew : kMain));
+    }
+}
+
+TEST(LineMerge, TheSameChangeIsNoConflict) {
+    LineMerge merge({{kLayer, scene()}}, 4);
+    ASSERT_TRUE(merge.addFrom(commitOf(5, {{"/World/Ball", setInt("number", kNew)}})));
+    ASSERT_TRUE(merge.addInto(commitOf(5, {{"/World/Ball", setInt("number", kNew)}})));
+    EXPECT_TRUE(ended(merge, Side::Undecided).merged.conflicts.empty());
+}
+
+// A spec that one line has deleted and the other changed is kept or deleted as a whole.
+TEST(LineMerge, ASpecThatOneLineHasDeleted) {
+    LineMerge merge({{kLayer, scene()}}, 4);
+    ASSERT_TRUE(merge.addFrom(commitOf(5, {{"/World/Ball/Dot", setInt("number", kNew)},
+                                           {"/World/Ball", setInt("number", kNew)}})));
+    ASSERT_TRUE(merge.addInto(commitOf(5, {{"/World/Ball", DeleteSpec{}}})));
+    const auto main = ended(merge, Side::Into);
+    ASSERT_EQ(main.merged.conflicts.size(), 1u) << "one for the whole spec";
+    EXPECT_EQ(main.merged.conflicts.front().what, MergeConflict::What::Deleted);
+    EXPECT_FALSE(main.merged.conflicts.front().isDeletedFrom);
+    EXPECT_FALSE(main.content.has("/World/Ball"));
+    const auto session = ended(merge, Side::From);
+    EXPECT_EQ(numberIn(session.content, "/World/Ball/Dot"), holding(kNew));
+}
+
+TEST(LineMerge, ASpecThatTheMergedLineHasDeleted) {
+    LineMerge merge({{kLayer, scene()}}, 4);
+    ASSERT_TRUE(
+        merge.addFrom(commitOf(5, {{"/World/Ball", DeleteSpec{}}, {"/World/Gone", DeleteSpec{}}})));
+    ASSERT_TRUE(merge.addInto(commitOf(5, {{"/World/Ball/Dot", setInt("number", kMain)}})));
+    const auto main = ended(merge, Side::Into);
+    ASSERT_EQ(main.merged.conflicts.size(), 1u);
+    EXPECT_TRUE(main.merged.conflicts.front().isDeletedFrom);
+    EXPECT_EQ(numberIn(main.content, "/World/Ball/Dot"), holding(kMain));
+    EXPECT_FALSE(main.content.has("/World/Gone")) << "nobody else has changed it";
+    EXPECT_FALSE(ended(merge, Side::From).content.has("/World/Ball"));
+}
+
+TEST(LineMerge, APlaceThatTheOtherLineHasTaken) {
+    LineMerge merge({{kLayer, scene()}}, 4);
+    ASSERT_TRUE(merge.addFrom(
+        commitOf(5, {{"/World/Ball", named("Sun")}, {"/World/Sun", setInt("number", kNew)}})));
+    ASSERT_TRUE(merge.addInto(commitOf(5, {{"/World/Sun", CreateSpec{}}})));
+    auto merged = merge.merge([](const MergeConflict& conflict) {
+        EXPECT_EQ(conflict.what, MergeConflict::What::Refused);
+        return Side::From;
+    });
+    ASSERT_FALSE(merged);
+    EXPECT_EQ(merged.error().code, ErrorCode::InvalidArgument);
+    const auto result = ended(merge, Side::Into);
+    ASSERT_EQ(result.merged.conflicts.size(), 1u);
+    EXPECT_EQ(numberIn(result.content, "/World/Ball"), holding(kNew)) << "it keeps its name";
+    EXPECT_TRUE(result.content.has("/World/Sun"));
+}
+
+TEST(LineMerge, ASpecThatBothHaveRenamed) {
+    LineMerge merge({{kLayer, scene()}}, 4);
+    ASSERT_TRUE(merge.addFrom(
+        commitOf(5, {{"/World/Ball", named("Sun")}, {"/World/Sun", setInt("number", kNew)}})));
+    ASSERT_TRUE(merge.addInto(commitOf(5, {{"/World/Ball", named("Moon")}})));
+    for (const Side side : kSides) {
+        const auto result = ended(merge, side);
+        ASSERT_EQ(result.merged.conflicts.size(), 1u);
+        EXPECT_EQ(result.merged.conflicts.front().what, MergeConflict::What::Moved);
+        const std::string name = side == Side::From ? "/World/Sun" : "/World/Moon";
+        EXPECT_EQ(numberIn(result.content, name), holding(kNew)) << result.content.dump();
+    }
+}
