@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import http.server
 import json
-import re
-import shutil
-import subprocess
 import threading
 
 import pytest
+from page_screen import CHROMIUM
+from playwright.sync_api import sync_playwright
 
 ROOT = '#usda 1.0\n\ndef "World"\n{\n    double secret = 42\n}\n'
 # Tries everything that a page can try without the user's help, and writes into itself what it got.
@@ -75,15 +74,16 @@ def site():
     made.server.server_close()
 
 
-def visit(url: str, folder) -> dict:
+def visit(url: str) -> dict:
     """Returns what the page has found in a browser."""
-    ran = subprocess.run([shutil.which("chromium") or "chromium", "--headless", "--no-sandbox", "--disable-gpu",
-                          "--no-first-run", "--disable-background-networking", "--disable-component-update",
-                          f"--user-data-dir={folder}", "--virtual-time-budget=20000", "--timeout=60000", "--dump-dom",
-                          url], capture_output=True, text=True, timeout=120)
-    found = re.search(r'<pre id="found">(\{.*\})</pre>', ran.stdout)
-    assert found, (ran.returncode, ran.stdout[-500:], ran.stderr[-2000:])
-    return json.loads(found.group(1).replace("&amp;", "&").replace("&lt;", "<").replace("&gt;", ">"))
+    with sync_playwright() as started:
+        browser = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        tab = browser.new_page()
+        tab.goto(url)
+        tab.wait_for_function("document.title === 'done'", timeout=60_000)
+        found = json.loads(tab.inner_text("#found"))
+        browser.close()
+    return found
 
 
 @pytest.fixture
@@ -93,18 +93,18 @@ def root(project):
     return project
 
 
-def test_a_page_of_another_site_reads_and_edits_nothing(root, serve, site, tmp_path):
+def test_a_page_of_another_site_reads_and_edits_nothing(root, serve, site):
     server = serve(root)
     site.page = PAGE.replace("PORT", str(server.port))
-    found = visit(site.origin, tmp_path / "browser")
+    found = visit(site.origin)
     assert found["session"] == "refused"
     assert found["files"] == found["join"] == "refused"
     assert "secret" not in found["blind"]
     assert found["picture"] == "refused"
 
 
-def test_a_page_that_the_server_allows_opens_a_session(root, serve, site, tmp_path):
+def test_a_page_that_the_server_allows_opens_a_session(root, serve, site):
     """The page and the browser of the test above work."""
     server = serve(root, "--allow-origin", site.origin)
     site.page = PAGE.replace("PORT", str(server.port))
-    assert visit(site.origin, tmp_path / "browser")["session"] == "open"
+    assert visit(site.origin)["session"] == "open"

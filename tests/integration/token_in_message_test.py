@@ -171,5 +171,5 @@ def test_a_page_in_a_browser_signs_in(site, project, serve, tmp_path, monkeypatc
     site.page = (PAGE.replace("PORT", str(allowing.server.port))
                  .replace("TOKEN", bytes(token_message(allowing.token("ann"))).hex())
                  .replace("HELLO", bytes(hello("ann")).hex()))
-    found = visit(site.origin, tmp_path / "browser")
+    found = visit(site.origin)
     assert '"type":"welcome"' in found["text"] and found["subprotocol"] == SUBPROTOCOL, found
