@@ -50,7 +50,7 @@ def test_find_package_from_outside_the_tree(tmp_path, project, serve, prefix):
     assert not [path for path in OUT_OF_REACH if path in read]
     assert str(prefix) in output("ldd", build / "minimal")
     assert str(CHECKOUT) not in output("ldd", build / "minimal")
-    assert len((source / "main.cpp").read_text().splitlines()) <= 40
+    assert len((source / "main.cpp").read_text().splitlines()) <= 30
     server = serve(project)
     done = subprocess.run([build / "minimal", server.url, "shot.usda", "ada"], capture_output=True,
                           text=True, timeout=60, check=False, env=bare_environment())

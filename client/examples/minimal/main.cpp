@@ -1,7 +1,4 @@
-// A minimal editor: opens a layer of a served project, adds a prim and receives the edits of others
-// for a while.
-//     minimal ws://127.0.0.1:7447 shot.usda ada
-#include <pxr/usd/sdf/layer.h>
+// An editor in 30 lines: minimal ws://127.0.0.1:7447 shot.usda ada
 #include <pxr/usd/sdf/primSpec.h>
 #include <pxr/usd/sdf/schema.h>
 #include <usdlive/client/usd/Client.h>
@@ -15,22 +12,19 @@ int main(int argc, char** argv) {
     auto client = usdlive::Client::connect(argv[1], {.user = argv[3], .application = "minimal"});
     if (!client) return std::cerr << client.error().message << "\n", 1;
     usdlive::Client& live = **client;
-    live.setEventHandler([](const usdlive::client::Event& event) {
-        if (const auto* committed = std::get_if<usdlive::client::event::Committed>(&event))
-            std::cout << "revision " << committed->commit.revision << " by "
-                      << committed->commit.user.value << "\n";
+    live.setEventHandler([](const usdlive::client::Event& event) {  // called by tick()
+        if (const auto* lost = std::get_if<usdlive::client::event::Lost>(&event))
+            std::cerr << "not in the project: " << lost->work.reason.message << "\n";
     });
-
-    auto opened = live.openLayer({argv[2]});
-    if (!opened) return std::cerr << opened.error().message << "\n", 1;
-    const pxr::SdfLayerRefPtr layer = *opened;  // an ordinary layer on which a stage can be opened
-
+    const auto layer = live.openLayer({argv[2]});  // an ordinary SdfLayer
+    if (!layer) return std::cerr << layer.error().message << "\n", 1;
     const pxr::SdfPath path("/" + std::string(argv[3]));
-    pxr::SdfCreatePrimInLayer(layer, path);
+    pxr::SdfCreatePrimInLayer(*layer, path);
     for (int frame = 0; frame < 120; ++frame) {
-        layer->SetField(path, pxr::SdfFieldKeys->Comment, "frame " + std::to_string(frame));
-        live.tick(4.0);  // sends own edits and applies those of others
+        (*layer)->SetField(path, pxr::SdfFieldKeys->Comment, "frame " + std::to_string(frame));
+        live.showPresence({.selection = {path.GetString()}});
+        live.tick(4.0);  // sends own edits, and applies those of others
         std::this_thread::sleep_for(std::chrono::milliseconds(16));
     }
-    return live.flush() ? 0 : 1;
+    return live.leave() ? 1 : 0;  // waits until the edits are committed
 }
