@@ -1,0 +1,40 @@
+"""Checks that docs/versions.md has the numbers of the sources, and that the changelog begins with the version that is built."""
+
+import pathlib
+import re
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+DOCUMENT = (ROOT / "docs" / "versions.md").read_text(encoding="utf-8")
+
+
+def constant(file, name):
+    """The number of a constant in a source."""
+    return re.search(rf"\b{name} = (\d+);", (ROOT / file).read_text(encoding="utf-8")).group(1)
+
+
+def number_of(what):
+    """The third cell of a row of the table of formats."""
+    return re.search(rf"^\| {what} \|[^|]*\|([^|]*)\|", DOCUMENT, re.MULTILINE).group(1).strip()
+
+
+def test_the_numbers_of_formats_are_those_of_the_sources():
+    store = "server/src/storage/StoreFolder.h"
+    assert number_of("the history of a project") == f"{constant(store, 'kFormat')}; reads from {constant(store, 'kOldestFormat')} on"
+    assert number_of("accounts") == constant("server/src/auth/Accounts.cpp", "kFormat")
+    assert number_of("access rules") == constant("common/src/access/AccessRules.cpp", "kFormat")
+    dump = (ROOT / "client/src/cli/StageDump.cpp").read_text(encoding="utf-8")
+    assert f'"format", "{number_of("what a stage shows, as JSON").strip("`")}"' in dump
+
+
+def test_the_versions_of_the_protocol_are_those_of_the_sources():
+    frame = "common/include/usdlive/common/protocol/Frame.h"
+    newest, oldest = constant(frame, "kProtocolVersion"), constant(frame, "kOldestProtocolVersion")
+    said = f"speaks protocol version {newest}, and no older one" if newest == oldest else f"protocol versions {oldest} to {newest}"
+    assert said in DOCUMENT
+    assert number_of("commits, values and frames") == f"the protocol's, {newest}"
+
+
+def test_the_changelog_has_the_version_that_is_built():
+    built = re.search(r"project\(usdlive VERSION (\S+)", (ROOT / "CMakeLists.txt").read_text(encoding="utf-8")).group(1)
+    newest = re.search(r"^## (\S+)", (ROOT / "docs" / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE).group(1)
+    assert newest == built and f"find_package(usdlive {built.rpartition('.')[0]})" in DOCUMENT
