@@ -1,4 +1,4 @@
-"""The Python examples of the README run unchanged."""
+"""The first live edit and the Python examples of the README run unchanged."""
 
 import pathlib
 import re
@@ -6,6 +6,7 @@ import textwrap
 
 import pytest
 from conftest import cat
+from documents import Reader
 from pxr import Sdf
 
 import usdlive
@@ -41,6 +42,12 @@ def names(project, serve, monkeypatch):
         stage.GetAttributeAtPath("/A.x").Set(float(len(frames)))
 
     return {"animate": animate, "server": server, "frames": frames, "usdlive": usdlive}
+
+
+def test_the_first_live_edit(names, tmp_path):
+    printed = Reader(tmp_path, names["server"].port).run(block("python -c 'import usdlive"))
+    assert 'def Sphere "Hello"' in printed
+    assert re.search(r"^#\d+ .* ada ", printed, re.MULTILINE) and "Traceback" not in printed
 
 
 def test_the_first_example_edits_a_stage(names):

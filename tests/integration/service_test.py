@@ -23,7 +23,7 @@ def service() -> configparser.SectionProxy:
 
 @pytest.fixture
 def served(tmp_path, monkeypatch):
-    """What the unit runs, for folders and programs of the test."""
+    """The server that the unit runs, with folders and programs of the test."""
     projects = tmp_path / "srv"
     (projects / "s010").mkdir(parents=True)
     (projects / "s010" / "shot.usda").write_text("#usda 1.0\n")

@@ -16,7 +16,7 @@ import usdlive
 
 ROOT = pathlib.Path(__file__).parents[2]
 DOCUMENT = ROOT / "docs" / "troubleshooting.md"
-# What stands in a quote for something that differs.
+# Capital words and dots stand in a quote for something that differs.
 PLACE = r"\b(?:[A-Z]{3,}(?::[A-Z]{3,})?|DIR|N|X|A|B)\b|\.\.\."
 
 
