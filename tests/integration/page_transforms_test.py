@@ -1,11 +1,11 @@
-"""Checks the xformOps that the page writes for a matrix."""
+"""Checks the xformOps that the page and the adapter write for a matrix."""
 
 import random
 
 import pytest
 import usdlive
 from pxr import Gf, Usd, UsdGeom
-from usdlive.page.transforms import ops_for
+from usdlive._transforms import ops_for
 
 KINDS = {"translate": UsdGeom.XformOp.TypeTranslate, "scale": UsdGeom.XformOp.TypeScale, "orient": UsdGeom.XformOp.TypeOrient,
          "transform": UsdGeom.XformOp.TypeTransform,

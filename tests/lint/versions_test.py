@@ -1,4 +1,5 @@
-"""Checks that docs/versions.md has the numbers of the sources, and that the changelog begins with the version that is built."""
+"""Checks that docs/versions.md and docs/embedding.md have the numbers of the sources, and that the changelog begins with the
+version that is built."""
 
 import pathlib
 import re
@@ -32,6 +33,14 @@ def test_the_versions_of_the_protocol_are_those_of_the_sources():
     said = f"speaks protocol version {newest}, and no older one" if newest == oldest else f"protocol versions {oldest} to {newest}"
     assert said in DOCUMENT
     assert number_of("commits, values and frames") == f"the protocol's, {newest}"
+
+
+def test_the_table_of_editors_has_what_the_wheel_needs():
+    project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    openusd = re.search(r'^dependencies = \["usd-core==([\d.]+)"\]', project, re.MULTILINE).group(1)
+    python = re.search(r'^requires-python = ">=([\d.]+)"', project, re.MULTILINE).group(1)
+    embedding = (ROOT / "docs" / "embedding.md").read_text(encoding="utf-8")
+    assert f"| `usd-core` {openusd}, CPython {python} | **works**" in embedding
 
 
 def test_the_changelog_has_the_version_that_is_built():

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import time
 import typing
 
 import usdlive
-from pxr import Gf, Sdf, Tf, Usd
+from pxr import Gf, Sdf, Usd
 
-from . import transforms, tree, values
+from .. import _opinions
+from .._opinions import Write
+from .._transforms import ops_for
+from . import tree, values
 from .owned import Owner
 
 if typing.TYPE_CHECKING:
@@ -20,43 +22,13 @@ _ACTIVE, _IDLE = 1 / 60, 0.1
 _ACTIVE_SECONDS = 2.0
 
 
-@dataclasses.dataclass
-class Write:
-    """One opinion: the value of an attribute, the selection in a variant set, or whether a prim is active. `value` None
-    removes it."""
-
-    kind: str  # "attribute", "variant", "active"
-    path: Sdf.Path
-    name: str = ""
-    value: typing.Any = None
-    type: Sdf.ValueTypeName | None = None
-    is_uniform: bool = False
-    is_custom: bool = False
-    time: float | None = None
-    opinion: str = "property"  # the kind of opinion for access rules
-
-
 # -- what to write: on the thread of the stage
 
 
 def _layer_for(picture: "Picture", prim: Usd.Prim, name: str, wanted: str | None) -> str:
-    """The layer that an edit goes to: where the strongest opinion is, else where the prim is, else the root layer."""
     if picture.past is not None:
         raise usdlive.Error("invalidArgument", "the past cannot be edited; go back to now")
-    if prim.IsInstanceProxy() or prim.IsInPrototype():
-        raise usdlive.Error("invalidArgument", f"{prim.GetPath()} is a part of an instance: edit what is instanced")
-    stage = picture.stage
-    local = {layer.identifier for layer in stage.GetLayerStack(False)}
-    if wanted is not None:
-        if all(picture.live.layer_name(layer) != wanted for layer in stage.GetLayerStack(False)):
-            raise usdlive.Error("layerNotFound", f"{wanted} is no layer of the stage {picture.layer}")
-        return wanted
-    found = prim.GetProperty(name) if name else None
-    specs = (found.GetPropertyStack(Usd.TimeCode.Default()) if found else []) + list(prim.GetPrimStack())
-    for spec in specs:
-        if spec.layer.identifier in local and spec.path.GetPrimPath() == prim.GetPath() and picture.live.layer_name(spec.layer):
-            return picture.live.layer_name(spec.layer)
-    return picture.layer
+    return _opinions.layer_for(picture.live, prim, name, wanted)
 
 
 def setting(picture: "Picture", path: str, name: str, value: typing.Any, at: float | None, layer: str | None) -> tuple[str, list[Write]]:
@@ -74,7 +46,7 @@ def moving(picture: "Picture", path: str, matrix: list[float], layer: str | None
     prim = tree.prim_at(picture.stage, path)
     rows = [matrix[3 * row:3 * row + 3] + [1.0 if row == 3 else 0.0] for row in range(4)]
     now = picture.scene.time
-    found = transforms.ops_for(prim, Gf.Matrix4d(*[one for row in rows for one in row]), now)
+    found = ops_for(prim, Gf.Matrix4d(*[one for row in rows for one in row]), now)
     writes = []
     for one in found:
         attribute = prim.GetAttribute(one.name)
@@ -123,12 +95,7 @@ class Editor(Owner):
     def write(self, layer: str, writes: list[Write], label: str, commit: bool = True) -> dict:
         """Writes all of it as one transaction. Without `commit`, others see it as a preview until a later call commits."""
         opened = self._open(layer)
-        for one in writes:
-            kind = "animation" if one.time is not None else one.opinion
-            path = one.path.AppendProperty(one.name) if one.kind == "attribute" else one.path
-            permission = self.live.may_edit(layer, str(path), kind)
-            if not permission:
-                raise usdlive.Error("forbidden", f"you may not edit {one.path} in {layer}: {permission.why}")
+        _opinions.check(self.live, layer, writes)
         if self._drag is None:
             self._drag = contextlib.ExitStack()
             self._drag.enter_context(self.live.undo_group(label))
@@ -137,12 +104,10 @@ class Editor(Owner):
                 self._drag.enter_context(self.live.gesture())
                 self._drag.callback(self.live.tick)
         try:
-            with Sdf.ChangeBlock():
-                for one in writes:
-                    _write(opened, one)
-        except Tf.ErrorException as failed:
+            _opinions.write(opened, layer, writes)
+        except usdlive.Error:
             self.end_drag()
-            raise usdlive.Error("forbidden", f"{layer} cannot be edited: {failed}") from None
+            raise
         if commit:
             self.end_drag()
         self._send()
@@ -202,38 +167,3 @@ class Editor(Owner):
         places = {(edit.layer, edit.path.partition(".")[0]) for edit in event.edits} or {("", "")}
         for layer, path in sorted(places)[:16]:
             self._refused({"type": "refused", "path": path, "layer": layer, "code": event.code, "message": event.message})
-
-
-def _write(layer: Sdf.Layer, one: Write) -> None:
-    if one.kind == "attribute" and one.value is None:
-        _clear(layer, one)
-        return
-    prim = Sdf.CreatePrimInLayer(layer, one.path)
-    if one.kind == "variant":
-        if one.value is None:
-            prim.variantSelections.pop(one.name, None)
-        else:
-            prim.variantSelections[one.name] = one.value
-    elif one.kind == "active":
-        prim.active = one.value
-    else:
-        path = one.path.AppendProperty(one.name)
-        spec = layer.GetAttributeAtPath(path)
-        if not spec:
-            spec = Sdf.AttributeSpec(prim, one.name, one.type, Sdf.VariabilityUniform if one.is_uniform else Sdf.VariabilityVarying,
-                                     one.is_custom)
-        if one.time is None:
-            spec.default = one.value
-        else:
-            layer.SetTimeSample(path, one.time, one.value)
-
-
-def _clear(layer: Sdf.Layer, one: Write) -> None:
-    path = one.path.AppendProperty(one.name)
-    spec = layer.GetAttributeAtPath(path)
-    if not spec:
-        return
-    if one.time is None:
-        spec.ClearDefaultValue()
-    else:
-        layer.EraseTimeSample(path, one.time)

@@ -13,6 +13,7 @@ import typing
 import numpy
 from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdShade, Vt
 
+from .._changes import StageChanges
 from . import facts, geometry, materials, skinning, wire
 from .blobs import Blobs
 from .nodes import Dirty, Node
@@ -61,8 +62,6 @@ class Scene:
         self._numbers = itertools.count(1)
         self._jobs: collections.deque[_Job] = collections.deque()
         self._dirty: dict[str, int] = {}
-        self._changed: dict[str, set[str]] = {}  # names of properties by path of the prim
-        self._resynced: set[Sdf.Path] = set()
         self._proxies: dict[str, set[str]] = collections.defaultdict(set)  # path in a prototype to paths of nodes
         self._shared: dict[str, geometry.Geometry] = {}
         self._shared_hashes: dict[str, str] = {}
@@ -78,11 +77,11 @@ class Scene:
         self.touched: set[str] = set()  # prims that differ, for `changed`; taken by who sends it
         self.restructured = False
         self.metadata_changed = True
-        self._listener = Tf.Notice.Register(Usd.Notice.ObjectsChanged, self._objects_changed, stage)
+        self._changes = StageChanges(stage)
         self._rebuild("/")
 
     def close(self) -> None:
-        self._listener.Revoke()
+        self._changes.close()
         for node in list(self.nodes.values()):
             node.set_geometry(self._blobs, "")
         self._release_textures()
@@ -98,7 +97,7 @@ class Scene:
 
     @property
     def is_idle(self) -> bool:
-        return not (self._jobs or self._dirty or self._changed or self._resynced or self._new_materials)
+        return not (self._jobs or self._dirty or self._changes or self._new_materials)
 
     def about(self) -> dict:
         stage = self.stage
@@ -143,28 +142,8 @@ class Scene:
 
     # -- what has changed
 
-    def _objects_changed(self, notice: Usd.Notice.ObjectsChanged, _: Usd.Stage) -> None:
-        for path in notice.GetChangedInfoOnlyPaths():
-            self._note(path)
-        for path in notice.GetResyncedPaths():
-            if path.IsPropertyPath():
-                self._note(path)
-            else:
-                self._resynced.add(path)
-        for path in notice.GetResolvedAssetPathsResyncedPaths():
-            self._note(path)
-
-    def _note(self, path: Sdf.Path) -> None:
-        prim, _, name = str(path).partition(".")
-        names = self._changed.get(prim)
-        if names is None:
-            self._changed[prim] = {name}
-        else:
-            names.add(name)
-
     def _take_changes(self) -> None:
-        resynced, self._resynced = self._resynced, set()
-        changed, self._changed = self._changed, {}
+        resynced, changed = self._changes.take()
         if resynced:
             self._take_resynced(resynced)
         self.touched.update(changed)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import typing
 
-import usdlive
 from pxr import Gf, Sdf, Usd, UsdGeom
+
+from ._errors import Error
 
 _AXES = {"X": Gf.Vec3d(1, 0, 0), "Y": Gf.Vec3d(0, 1, 0), "Z": Gf.Vec3d(0, 0, 1)}
 _TYPES = {"translate": Sdf.ValueTypeNames.Double3, "rotateXYZ": Sdf.ValueTypeNames.Float3, "scale": Sdf.ValueTypeNames.Float3}
@@ -44,7 +45,7 @@ def ops_for(prim: Usd.Prim, matrix: Gf.Matrix4d, time: Usd.TimeCode) -> list[OpV
     """The attributes to write. Raises an Error if the prim has ops with which the matrix cannot be reached."""
     xformable = UsdGeom.Xformable(prim)
     if not xformable:
-        raise usdlive.Error("invalidArgument", f"{prim.GetPath()} cannot be moved: a {prim.GetTypeName() or 'prim without a type'} "
+        raise Error("invalidArgument", f"{prim.GetPath()} cannot be moved: a {prim.GetTypeName() or 'prim without a type'} "
                             "has no transform")
     ops = xformable.GetOrderedXformOps()
     if len(ops) == 1 and ops[0].GetOpType() == UsdGeom.XformOp.TypeTransform and not ops[0].IsInverseOp():
@@ -75,7 +76,7 @@ def _into(prim: Usd.Prim, ops: list[UsdGeom.XformOp], matrix: Gf.Matrix4d, trans
              if any(name == one or (one == "rotation" and (name.startswith("rotate") or name == "orient")) for name in names)]
     plain = ["rotation" if name.startswith("rotate") or name == "orient" else name for name in names]
     if plain != shape or ("pivot" in names) != ("unpivot" in names) or any(op.IsInverseOp() for name, op in steps if name != "unpivot"):
-        raise usdlive.Error("invalidArgument", f"{prim.GetPath()} cannot be moved here: its xformOps are {', '.join(op.GetOpName() for op in ops)}")
+        raise Error("invalidArgument", f"{prim.GetPath()} cannot be moved here: its xformOps are {', '.join(op.GetOpName() for op in ops)}")
     pivot = Gf.Vec3d(*next((op.Get(time) for name, op in steps if name == "pivot"), (0, 0, 0)) or (0, 0, 0))
     linear = Gf.Matrix4d().SetScale(scale) * rotation
     found: list[OpValue] = []
@@ -113,4 +114,4 @@ def _check(prim: Usd.Prim, steps: list[tuple[str, UsdGeom.XformOp]], found: list
         order.append(op.GetOpName())
     copy.GetXformOpOrderAttr().Set(order)
     if not Gf.IsClose(copy.GetLocalTransformation(), matrix, 1e-3 * max(1.0, *(abs(matrix[row][column]) for row in range(4) for column in range(4)))):
-        raise usdlive.Error("invalidArgument", f"{prim.GetPath()} has no xformOp for this change: it has {', '.join(order)}")
+        raise Error("invalidArgument", f"{prim.GetPath()} has no xformOp for this change: it has {', '.join(order)}")
