@@ -8,7 +8,7 @@
 #include "usdlive/common/layer/Edit.h"
 #include "usdlive/common/layer/LayerDoc.h"
 #include "usdlive/common/protocol/Control.h"
-#include "usdlive/common/usd/ValueCodec.h"
+#include "usdlive/common/layer/Blobs.h"
 
 namespace usdlive::cli {
 

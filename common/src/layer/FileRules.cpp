@@ -358,4 +358,24 @@ bool saysNothing(std::string_view field, const FieldValue& content) {
     return std::ranges::all_of(list->lists, [](const auto& items) { return items.empty(); });
 }
 
+Result<void> checkForFile(const LayerDoc& doc, std::string_view path, const EditAction& action) {
+    const auto* set = std::get_if<SetField>(&action);
+    if (set && dependsOnType(set->field)) {
+        const std::string_view type = attributeType(doc, path);
+        if (!fitsType(type, *set))
+            return fail(ErrorCode::InvalidValue,
+                        "the value is of another type than the attribute, "
+                        "which is a " +
+                            inQuotes(type));
+    }
+    const auto* erase = std::get_if<EraseField>(&action);
+    const std::string_view field = set     ? std::string_view(set->field)
+                                   : erase ? std::string_view(erase->field)
+                                           : std::string_view();
+    const auto kind = field == "typeName" ? doc.kind(path) : std::nullopt;
+    if (kind)
+        if (auto proper = checkTypeName(*kind, action); !proper) return proper;
+    return set ? checkDictionary(*set).and_then([&] { return checkTexts(*set); }) : Result<void>();
+}
+
 }  // namespace usdlive

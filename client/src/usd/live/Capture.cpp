@@ -12,7 +12,7 @@
 #include <algorithm>
 #include <utility>
 
-#include "usd/live/Placements.h"
+#include "basics/Placements.h"
 #include "usdlive/common/core/Overloaded.h"
 #include "usdlive/common/core/Utf8.h"
 #include "usdlive/common/layer/FieldParts.h"
@@ -473,29 +473,8 @@ void Capture::begin() {
     begun_();
 }
 
-// Refuses content that no file can have (ED8, ED9, ED11, ED12).
-Result<void> Capture::check(std::string_view path, const EditAction& action) const {
-    const auto* set = std::get_if<SetField>(&action);
-    if (set && dependsOnType(set->field)) {
-        const std::string_view type = attributeType(*working_, path);
-        if (!fitsType(type, *set))
-            return fail(ErrorCode::InvalidValue,
-                        "the value is of another type than the attribute, "
-                        "which is a " +
-                            inQuotes(type));
-    }
-    const auto* erase = std::get_if<EraseField>(&action);
-    const std::string_view field = set     ? std::string_view(set->field)
-                                   : erase ? std::string_view(erase->field)
-                                           : std::string_view();
-    const auto kind = field == "typeName" ? working_->kind(path) : std::nullopt;
-    if (kind)
-        if (auto proper = checkTypeName(*kind, action); !proper) return proper;
-    return set ? checkDictionary(*set).and_then([&] { return checkTexts(*set); }) : Result<void>();
-}
-
 Result<void> Capture::record(std::string_view path, EditAction action) {
-    if (auto proper = check(path, action); !proper) return proper;
+    if (auto proper = checkForFile(*working_, path, action); !proper) return proper;
     const auto applied = working_->apply(path, action);
     if (!applied) return tl::unexpected(applied.error());
     if (applied->changed || concernsPlace(action))

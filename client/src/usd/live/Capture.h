@@ -99,7 +99,6 @@ private:
     class Sealing;
 
     void begin();
-    [[nodiscard]] Result<void> check(std::string_view path, const EditAction& action) const;
     Result<void> record(std::string_view path, EditAction action);
     bool dropBelow(std::string_view path);
     void forgetBelow(const pxr::SdfPath& path);

@@ -43,6 +43,11 @@ namespace usdlive {
 /// Returns true if a text or key in the bytes of a valid leaf holds a NUL.
 [[nodiscard]] bool holdsNul(ValueType type, ByteView bytes);
 
+/// Checks that a file can have the content that an edit of the spec at `path` writes (ED8, ED9,
+/// ED11, ED12). Errors: InvalidValue, InvalidEdit.
+[[nodiscard]] Result<void> checkForFile(const LayerDoc& doc, std::string_view path,
+                                        const EditAction& action);
+
 /// ED10: returns true for content that the text format cannot write and that means the same as no
 /// field.
 [[nodiscard]] bool saysNothing(std::string_view field, const FieldValue& content);

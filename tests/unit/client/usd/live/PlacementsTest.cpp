@@ -1,5 +1,5 @@
 // Tests the moves that turn one order of children into another.
-#include "usd/live/Placements.h"
+#include "basics/Placements.h"
 
 #include <gtest/gtest.h>
 

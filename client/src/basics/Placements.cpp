@@ -1,5 +1,5 @@
 // Computes the moves between two orders of a list.
-#include "usd/live/Placements.h"
+#include "basics/Placements.h"
 
 #include <string_view>
 #include <unordered_map>
