@@ -20,6 +20,7 @@ function(usdlive_install_wheel)
     install(FILES ${package}/_built_for.py ${package}/_error_code.py ${package}/schemas.py
         DESTINATION usdlive COMPONENT wheel EXCLUDE_FROM_ALL)
     usdlive_install_into_wheel(_usdlive usdlive ..)
+    install(TARGETS _session LIBRARY DESTINATION usdlive COMPONENT wheel EXCLUDE_FROM_ALL)
     usdlive_install_into_wheel(usdlive usdlive/bin ../..)
     usdlive_install_into_wheel(usdlive-server usdlive/bin ../..)
     get_property(plugins GLOBAL PROPERTY usdlive_plugins)

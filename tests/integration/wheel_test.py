@@ -23,6 +23,7 @@ OF_OPENUSD = re.compile(r"lib(usd_ms-\w+\.so|tbb-\w+\.so\.2)")
 # The functions that others call in a library of ours. OpenUSD calls no symbol of a plug-in.
 INTERFACES = {
     "_usdlive": {"PyInit__usdlive"},
+    "_session": {"PyInit__session"},
     "usdliveEdf": {"usdliveEdfBeginTick1", "usdliveEdfEndTick1", "usdliveEdfReloadArrived1"},
     "usdliveEdfGenerator": set(),
     "usdliveEdfMuseum": set(),

@@ -1,0 +1,290 @@
+// A connection to a project and its layers, for an editor that reads and writes them elsewhere.
+#include "SharedLayers.h"
+
+#include <algorithm>
+#include <filesystem>
+#include <utility>
+
+#include "basics/Clocks.h"
+#include "link/OwnName.h"
+#include "transport/Connection.h"
+#include "usdlive/common/core/ClientSecret.h"
+#include "usdlive/common/core/Thread.h"
+#include "usdlive/common/fetch/Join.h"
+#include "usdlive/common/layer/MatchedSpecs.h"
+#include "usdlive/common/net/Invitation.h"
+#include "usdlive/common/protocol/CheckedControl.h"
+
+namespace usdlive::client {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::size_t kSharedCacheMemory = std::size_t(256) << 20;
+constexpr const char* kSharedCachePrefix = "usdlive-cache-";
+constexpr double kGreetingBudgetMs = 50;
+constexpr double kUnreachableMs = 1000;
+
+Session::Options optionsFor(const SharedLayers::Settings& settings) {
+    Session::Options options;
+    options.secret = newClientSecret();
+    options.client = clientIdOf(*options.secret);
+    options.user = UserName{settings.user};
+    options.application = settings.application;
+    return options;
+}
+
+}  // namespace
+
+SharedLayers::SharedLayers(Settings settings, ProcessFolder folder, std::string cache,
+                           std::unique_ptr<Connection> connection)
+    : settings_(std::move(settings)),
+      ownFolder_(std::move(folder)),
+      blobs_(fs::path(cache) / ".usdlive-blobs", kSharedCacheMemory, settings_.cacheBytes),
+      link_(std::make_unique<ServerLink>(std::move(connection))),
+      session_(std::make_unique<Session>(optionsFor(settings_), *this, *this)) {
+    static_cast<void>(session_->showPresence({}));
+}
+
+Result<std::unique_ptr<SharedLayers>> SharedLayers::connect(const std::string& url,
+                                                            Settings settings) try {
+    std::string joined;
+    if (isInvitation(url)) {
+        const auto server = parseInvitation(url).and_then(fetch::join);
+        if (!server) return tl::unexpected(server.error());
+        joined = server->url;
+    }
+    auto address = parseServerAddress(joined.empty() ? url : joined);
+    if (!address) return tl::unexpected(address.error());
+    address->token = settings.token;
+    auto user = nameAt(*address, settings.user);
+    if (!user) return tl::unexpected(user.error());
+    settings.user = std::move(user->value);
+    // The server would refuse every connection.
+    Hello hello;
+    hello.user = UserName{settings.user};
+    hello.application = settings.application;
+    if (const auto sent = encodeChecked(hello); !sent)
+        return fail(ErrorCode::InvalidArgument,
+                    "the name of the user (at most 256 bytes) or of the application (at most 64 "
+                    "KiB) cannot be sent: " +
+                        sent.error().message);
+    auto connection = createConnection(*address);
+    if (!connection) return tl::unexpected(connection.error());
+    ProcessFolder own;
+    std::string cache = settings.cacheFolder;
+    if (cache.empty()) {
+        const fs::path temporary = fs::temp_directory_path();
+        own = ProcessFolder::make(temporary, kSharedCachePrefix);
+        if (!own)
+            return fail(ErrorCode::InvalidArgument, "cannot create a folder in " +
+                                                        temporary.string() +
+                                                        ". Name a cache folder, or set TMPDIR");
+        cache = own.path().string();
+    }
+    std::unique_ptr<SharedLayers> made(new SharedLayers(std::move(settings), std::move(own),
+                                                        std::move(cache), std::move(*connection)));
+    if (auto greeted = made->greet(); !greeted) return tl::unexpected(greeted.error());
+    return made;
+} catch (const ThreadRefused& refused) {
+    return fail(ErrorCode::NotConnected, std::string("cannot connect: ") + refused.what());
+}
+
+Result<void> SharedLayers::greet() {
+    const Stopwatch watch;
+    while (!session_->isConnected()) {
+        if (link_->refused()) return tl::unexpected(*link_->refused());
+        if (watch.ms() > settings_.timeoutMs) return tl::unexpected(link_->notThere());
+        if (link_->lastLoss() && !link_->isOpen() && watch.ms() > kUnreachableMs)
+            return tl::unexpected(*link_->lastLoss());
+        link_->connection().wait(std::chrono::milliseconds(20));
+        advance(kGreetingBudgetMs);
+        for (const Event& event : session_->takeEvents())
+            if (const auto* error = std::get_if<event::ServerError>(&event);
+                error && error->message.closing)
+                static_cast<void>(link_->closing(error->message, *session_));
+    }
+    return {};
+}
+
+bool SharedLayers::advance(double budgetMs) {
+    link_->receive(*session_);
+    const bool done = session_->advance(budgetMs, steadyMs());
+    if (session_->pendingTransactions() == 0 && captured_.empty() && blobs_.kept() > 0)
+        blobs_.keepOnly(session_->namedBlobs(), std::exchange(committed_, {}));
+    return !done;
+}
+
+std::vector<Event> SharedLayers::takeEvents() {
+    std::vector<Event> events;
+    for (Event& event : session_->takeEvents()) note(event, events);
+    return events;
+}
+
+void SharedLayers::note(Event& event, std::vector<Event>& events) {
+    if (std::holds_alternative<event::Connected>(event)) {
+        link_->welcomed();
+    } else if (const auto* committed = std::get_if<event::Committed>(&event)) {
+        if (committed->commit.id.client == session_->id())
+            for (const Edit& edit : committed->commit.edits)
+                forEachBlob(edit.action,
+                            [&](const Value& blob) { committed_.insert(blob.hash()); });
+    } else if (const auto* error = std::get_if<event::ServerError>(&event)) {
+        if (error->message.blob) awaited_.erase(*error->message.blob);
+        if (error->message.closing && !link_->closing(error->message, *session_)) return;
+    }
+    events.push_back(std::move(event));
+}
+
+void SharedLayers::open(const LayerId& layer) {
+    if (layers_.contains(layer)) return;
+    layers_[layer];
+    session_->openLayer(layer);
+}
+
+void SharedLayers::close(const LayerId& layer) {
+    if (layers_.erase(layer) == 0) return;
+    std::erase_if(captured_, [&](const AuthoredEdit& edit) { return edit.layer == layer; });
+    session_->closeLayer(layer);
+}
+
+// --- what the editor wrote
+
+std::vector<LayerChanges::Refused> SharedLayers::capture(
+    const LayerId& layer, const std::vector<SeenSpec>& seen,
+    const std::function<bool(std::string_view, std::string_view, const Bytes&)>& keeps) {
+    const auto found = layers_.find(layer);
+    if (found == layers_.end() || !found->second.shown || found->second.isReplaced) return {};
+    Layer& own = found->second;
+    auto changes = compareLayer(layer, *own.shown, seen, keeps, blobs_, blobs_);
+    std::move(changes.edits.begin(), changes.edits.end(), std::back_inserter(captured_));
+    own.shown = std::move(changes.after);
+    // The editor's layer has more than `shown` then.
+    if (!changes.refused.empty()) own.isReplaced = true;
+    return std::move(changes.refused);
+}
+
+void SharedLayers::submit() {
+    if (captured_.empty()) return;
+    std::set<LayerId> written;
+    for (const AuthoredEdit& edit : captured_) written.insert(edit.layer);
+    session_->author(std::exchange(captured_, {}));
+    for (const LayerId& id : written) {
+        Layer& own = layers_.at(id);
+        // The session has given the new specs ids of its own.
+        if (const LayerDoc* view = session_->view(id))
+            own.shown = *view == *own.shown ? *view : matchedSpecs(*view, *own.shown);
+        own.isBehind = true;
+    }
+}
+
+// --- what the editor gets
+
+void SharedLayers::blobArrived(const Hash& hash, SharedBytes bytes, bool lasting) {
+    if (lasting)
+        blobs_.cacheBlob(hash, std::move(bytes));
+    else
+        blobs_.holdBlob(hash, std::move(bytes));
+    awaited_.erase(hash);
+    for (auto& [id, layer] : layers_) layer.late.insert(hash);
+}
+
+void SharedLayers::reset(const LayerId& layer, const LayerDoc&) {
+    const auto found = layers_.find(layer);
+    if (found == layers_.end()) return;
+    found->second.isReplaced = true;
+    found->second.isBehind = true;
+}
+
+void SharedLayers::apply(const LayerId& layer, const std::string&, const EditAction&) {
+    if (const auto found = layers_.find(layer); found != layers_.end())
+        found->second.isBehind = true;
+}
+
+std::optional<Bytes> SharedLayers::inlineOrAsk(const FieldValue& value) {
+    std::vector<Hash> missing;
+    auto bytes = encodedInline(value, blobs_, missing);
+    for (const Hash& hash : missing)
+        if (awaited_.insert(hash).second) session_->requestBlob(hash);
+    return bytes;
+}
+
+std::vector<LayerChange> SharedLayers::takeChanges(const LayerId& layer) {
+    std::vector<LayerChange> changes;
+    const auto found = layers_.find(layer);
+    const LayerDoc* view = session_->view(layer);
+    if (found == layers_.end() || !view || !session_->isJoined(layer)) return changes;
+    Layer& own = found->second;
+    if (!own.shown || own.isReplaced) {
+        own.shown = *view;
+        own.isReplaced = own.isBehind = false;
+        own.late.clear();
+        changes.push_back({LayerChange::Replaced{}});
+        return changes;
+    }
+    if (std::exchange(own.isBehind, false)) {
+        // A field may be changed in many parts; the editor gets it once, with all of them.
+        for (auto& [path, action] : difference(*own.shown, *view)) {
+            static_cast<void>(own.shown->apply(path, action));
+            const auto* set = std::get_if<SetField>(&action);
+            const auto* erase = std::get_if<EraseField>(&action);
+            if (!set && !erase) {
+                changes.push_back({LayerChange::Namespace{path, std::move(action)}});
+                continue;
+            }
+            const std::string& field = set ? set->field : erase->field;
+            const FieldValue* value = own.shown->field(path, field);
+            auto bytes = value ? inlineOrAsk(*value) : std::nullopt;
+            if (value && !bytes) continue;  // follows when it is here
+            auto* last =
+                changes.empty() ? nullptr : std::get_if<LayerChange::Field>(&changes.back().what);
+            if (last && last->path == path && last->field == field)
+                last->value = std::move(bytes);
+            else
+                changes.push_back({LayerChange::Field{path, field, std::move(bytes)}});
+        }
+        own.shown = *view;
+    }
+    addLateFields(own, changes);
+    return changes;
+}
+
+void SharedLayers::addLateFields(Layer& layer, std::vector<LayerChange>& changes) {
+    const auto late = std::exchange(layer.late, {});
+    if (late.empty()) return;
+    layer.shown->visit([&](const LayerDoc::SpecView& spec) {
+        for (const auto& [name, value] : *spec.fields) {
+            bool isLate = false;
+            forEachBlob(value, [&](const Value& blob) { isLate |= late.contains(blob.hash()); });
+            if (!isLate) continue;
+            if (auto bytes = inlineOrAsk(value))
+                changes.push_back(
+                    {LayerChange::Field{std::string(spec.path), name, std::move(bytes)}});
+        }
+    });
+}
+
+std::optional<Bytes> SharedLayers::held(const LayerId& layer, const std::string& path,
+                                        const std::string& field) {
+    const auto found = layers_.find(layer);
+    if (found == layers_.end() || !found->second.shown) return std::nullopt;
+    const FieldValue* value = found->second.shown->field(path, field);
+    return value ? inlineOrAsk(*value) : std::nullopt;
+}
+
+void SharedLayers::content(
+    const LayerId& layer,
+    const std::function<void(const LayerDoc::SpecView&,
+                             const std::vector<std::pair<std::string, Bytes>>&)>& visit) {
+    const auto found = layers_.find(layer);
+    if (found == layers_.end() || !found->second.shown) return;
+    found->second.shown->visit([&](const LayerDoc::SpecView& spec) {
+        std::vector<std::pair<std::string, Bytes>> fields;
+        for (const auto& [name, value] : *spec.fields)
+            if (auto bytes = inlineOrAsk(value)) fields.emplace_back(name, std::move(*bytes));
+        visit(spec, fields);
+    });
+}
+
+}  // namespace usdlive::client

@@ -1,0 +1,136 @@
+// A connection to a project and its layers, for an editor that reads and writes them elsewhere.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <optional>
+#include <set>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "LayerComparison.h"
+#include "basics/CallerThread.h"
+#include "basics/ProcessFolder.h"
+#include "link/ServerLink.h"
+#include "session/Session.h"
+#include "values/BlobCache.h"
+
+namespace usdlive::client {
+
+/// One change of a layer for the editor to make.
+struct LayerChange {
+    /// All content was replaced: read it with content().
+    struct Replaced {};
+    /// Create, Delete, Move or Place.
+    struct Namespace {
+        std::string path;
+        EditAction action;
+    };
+    /// The whole field with its big values inline, or nothing if it was erased.
+    struct Field {
+        std::string path, field;
+        std::optional<Bytes> value;
+    };
+    std::variant<Replaced, Namespace, Field> what;
+};
+
+/// The session of an editor whose layers are not here. It remembers what the editor's layers were
+/// given, so that a comparison finds what the editor wrote and what it lacks. Belongs to the first
+/// thread that calls advance(); the network has a thread of its own. No OpenUSD.
+class SharedLayers final : public SessionHost, public LayerView {
+public:
+    struct Settings {
+        std::string user;         ///< empty: the name that is known for the server
+        std::string application;  ///< shown to others
+        std::string cacheFolder;  ///< for big values; empty: a temporary folder
+        double timeoutMs = 10'000;
+        std::uint64_t cacheBytes = std::uint64_t(4) << 30;
+        std::string token;  ///< empty: the one that is known for the server
+    };
+    /// Connects and waits for the welcome. Errors: InvalidArgument, NotConnected, and those with
+    /// which a server refuses.
+    static Result<std::unique_ptr<SharedLayers>> connect(const std::string& url, Settings settings);
+
+    [[nodiscard]] const CallerThread& thread() const { return thread_; }
+    [[nodiscard]] Session& session() { return *session_; }
+    [[nodiscard]] const std::string& user() const { return settings_.user; }
+    /// Blocks until something is received, at most `ms`.
+    bool wait(double ms) {
+        return link_->connection().wait(std::chrono::milliseconds(std::int64_t(ms)));
+    }
+
+    /// Receives, sends, and executes what was received. Returns true if more is to be done.
+    bool advance(double budgetMs);
+    [[nodiscard]] std::vector<Event> takeEvents();
+
+    void open(const LayerId& layer);
+    void close(const LayerId& layer);
+
+    /// Adds what the editor wrote in the layer to the next submit(). Returns what cannot be shared;
+    /// takeChanges() then undoes it in the editor's layer. Precondition: takeChanges() was applied.
+    [[nodiscard]] std::vector<LayerChanges::Refused> capture(
+        const LayerId& layer, const std::vector<SeenSpec>& seen,
+        const std::function<bool(std::string_view, std::string_view, const Bytes&)>& keeps);
+    /// Sends what was captured, as one transaction.
+    void submit();
+
+    /// Returns what the editor has to change in the layer, in order, and takes it as done. Empty
+    /// while the layer is not joined.
+    [[nodiscard]] std::vector<LayerChange> takeChanges(const LayerId& layer);
+    /// Calls `visit` for each spec of the layer as the editor has it after takeChanges(): parents
+    /// before children, siblings in order, with the fields that are here.
+    void content(
+        const LayerId& layer,
+        const std::function<void(const LayerDoc::SpecView&,
+                                 const std::vector<std::pair<std::string, Bytes>>&)>& visit);
+    /// Returns whether the editor should have the spec after takeChanges().
+    [[nodiscard]] bool has(const LayerId& layer, const std::string& path) const {
+        const auto found = layers_.find(layer);
+        return found != layers_.end() && found->second.shown && found->second.shown->has(path);
+    }
+    /// Returns the field as the editor should have it after takeChanges(), or nothing.
+    [[nodiscard]] std::optional<Bytes> held(const LayerId& layer, const std::string& path,
+                                            const std::string& field);
+
+    // SessionHost
+    void send(SharedBytes frames) override { link_->connection().send(std::move(frames)); }
+    std::size_t bulkBytes() override { return link_->connection().bulkBytes(); }
+    SharedBytes localBlob(const Hash& hash) override { return blobs_.blob(hash); }
+    bool holdsBlob(const Hash& hash) override { return blobs_.holds(hash); }
+    void blobArrived(const Hash& hash, SharedBytes bytes, bool lasting) override;
+    bool needsBlob(const Hash& hash) override { return awaited_.contains(hash); }
+
+    // LayerView
+    void reset(const LayerId& layer, const LayerDoc& doc) override;
+    void apply(const LayerId& layer, const std::string& path, const EditAction& action) override;
+
+private:
+    struct Layer {
+        std::optional<LayerDoc> shown;  ///< the content of the editor's layer; unset: none yet
+        bool isReplaced = false;        ///< the editor has to read all
+        bool isBehind = false;          ///< the view differs from `shown`
+        std::set<Hash> late;            ///< big values that arrived for fields that lack them
+    };
+
+    SharedLayers(Settings settings, ProcessFolder folder, std::string cache,
+                 std::unique_ptr<Connection> connection);
+    Result<void> greet();
+    void note(Event& event, std::vector<Event>& events);
+    [[nodiscard]] std::optional<Bytes> inlineOrAsk(const FieldValue& value);
+    void addLateFields(Layer& layer, std::vector<LayerChange>& changes);
+
+    const Settings settings_;
+    const ProcessFolder ownFolder_;  // used if the editor has not set one
+    CallerThread thread_;
+    BlobCache blobs_;
+    std::unique_ptr<ServerLink> link_;
+    std::unique_ptr<Session> session_;
+    std::map<LayerId, Layer> layers_;
+    std::vector<AuthoredEdit> captured_;
+    std::set<Hash> awaited_;
+    std::set<Hash> committed_;  // big values of own commits since the last release
+};
+
+}  // namespace usdlive::client

@@ -1,0 +1,263 @@
+// The extension module `_session`: a session without OpenUSD, for the portable backend. The content
+// of fields is bytes as in PROTOCOL.md (V10). Events are dictionaries, as those of `_usdlive`.
+
+#include <nanobind/nanobind.h>
+#include <nanobind/stl/string.h>
+#include <nanobind/stl/vector.h>
+
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "Errors.h"
+#include "EventDictionary.h"
+#include "Fields.h"
+#include "SharedLayers.h"
+#include "session/OwnRights.h"
+#include "usdlive/common/core/LayerPath.h"
+#include "usdlive/common/core/Overloaded.h"
+#include "usdlive/common/layer/FileRules.h"
+#include "usdlive/common/layer/SpecPath.h"
+#include "usdlive/common/protocol/Role.h"
+
+namespace nb = nanobind;
+using namespace usdlive;
+using client::LayerChange;
+using client::SeenSpec;
+using client::SharedLayers;
+
+namespace {
+
+nb::bytes toBytes(const Bytes& bytes) { return nb::bytes(bytes.data(), bytes.size()); }
+
+/// A session as Python sees it. Releases the interpreter's lock while it works.
+class PythonSession {
+public:
+    PythonSession(const std::string& url, const std::string& user, const std::string& application,
+                  const std::string& cacheFolder, double timeoutMs, std::uint64_t cacheBytes,
+                  const std::string& token) {
+        layers_ = orRaise([&] {
+            const nb::gil_scoped_release release;
+            return SharedLayers::connect(
+                url, {user, application, cacheFolder, timeoutMs, cacheBytes, token});
+        }());
+    }
+    ~PythonSession() { close(); }
+    PythonSession(const PythonSession&) = delete;
+    PythonSession& operator=(const PythonSession&) = delete;
+
+    void close() {
+        if (!layers_) return;
+        auto closing = std::move(layers_);
+        // After fork(), the threads that the destructor would wait for are not there.
+        if (closing->thread().isForked()) return static_cast<void>(closing.release());
+        const nb::gil_scoped_release release;
+        closing.reset();
+    }
+    [[nodiscard]] bool isClosed() const { return !layers_; }
+
+    bool advance(double budgetMs) {
+        auto& layers = here("advance");
+        const nb::gil_scoped_release release;
+        return layers.advance(budgetMs);
+    }
+    bool wait(double ms) {
+        auto& layers = here("wait");
+        const nb::gil_scoped_release release;
+        return layers.wait(ms);
+    }
+    nb::list takeEvents() {
+        nb::list events;
+        for (const auto& event : here("take_events").takeEvents())
+            events.append(toDictionary(event));
+        return events;
+    }
+
+    std::vector<std::string> projectLayers() {
+        std::vector<std::string> names;
+        for (const LayerId& layer : session("project_layers").projectLayers())
+            names.push_back(layer.value);
+        return names;
+    }
+    void open(const std::string& name) { here("open").open(orRaise(parseLayerId(name))); }
+    void closeLayer(const std::string& name) {
+        here("close_layer").close(orRaise(parseLayerId(name)));
+    }
+    bool isJoined(const std::string& name) {
+        return session("is_joined").isJoined(orRaise(parseLayerId(name)));
+    }
+
+    /// `seen`: (path, kind, {field: bytes}, prims, properties, variant sets, variants) of each
+    /// spec, with the names of its children. `keeps(path, field, bytes)`: see compareLayer().
+    /// Returns (path, field, code, message) of what cannot be shared.
+    nb::list capture(const std::string& name, const nb::list& seen, const nb::callable& keeps) {
+        std::vector<SeenSpec> specs;
+        specs.reserve(nb::len(seen));
+        for (const nb::handle each : seen) {
+            const auto spec = nb::cast<nb::tuple>(each);
+            SeenSpec& one = specs.emplace_back();
+            one.path = nb::cast<std::string>(spec[0]);
+            one.kind = SpecKind(nb::cast<int>(spec[1]));
+            // `seen` keeps the bytes alive.
+            for (const auto [field, value] : nb::borrow<nb::dict>(spec[2])) {
+                const auto bytes = nb::borrow<nb::bytes>(value);
+                one.fields.emplace_back(
+                    nb::cast<std::string>(field),
+                    ByteView(static_cast<const std::uint8_t*>(bytes.data()), bytes.size()));
+            }
+            for (std::size_t list = 0; list < one.children.size(); ++list)
+                for (const nb::handle child : spec[3 + list])
+                    one.children[list].push_back(nb::cast<std::string>(child));
+        }
+        const auto refused = here("capture").capture(
+            orRaise(parseLayerId(name)), specs,
+            [&](std::string_view path, std::string_view field, const Bytes& bytes) {
+                return nb::cast<bool>(keeps(nb::str(path.data(), path.size()),
+                                            nb::str(field.data(), field.size()), toBytes(bytes)));
+            });
+        nb::list result;
+        for (const auto& one : refused)
+            result.append(nb::make_tuple(
+                one.path, one.field, std::string(errorName(one.reason.code)), one.reason.message));
+        return result;
+    }
+    void submit() {
+        auto& layers = here("submit");
+        const nb::gil_scoped_release release;
+        layers.submit();
+    }
+
+    /// Returns ("replaced",), ("create", path, kind), ("delete", path), ("move", path, new path),
+    /// ("place", path, name before which it is or ""), ("field", path, field, bytes or None).
+    nb::list takeChanges(const std::string& name) {
+        nb::list changes;
+        for (const LayerChange& change :
+             here("take_changes").takeChanges(orRaise(parseLayerId(name))))
+            changes.append(std::visit([](const auto& what) { return toTuple(what); }, change.what));
+        return changes;
+    }
+    /// Returns [(path, kind, {field: bytes})]: parents before children, siblings in order.
+    nb::list content(const std::string& name) {
+        nb::list specs;
+        here("content").content(
+            orRaise(parseLayerId(name)), [&](const LayerDoc::SpecView& spec, const auto& fields) {
+                nb::dict values;
+                for (const auto& [field, bytes] : fields)
+                    values[nb::str(field.data(), field.size())] = toBytes(bytes);
+                specs.append(nb::make_tuple(nb::str(spec.path.data(), spec.path.size()),
+                                            int(spec.kind), values));
+            });
+        return specs;
+    }
+
+    /// The number of specs of a layer.
+    std::size_t size(const std::string& name) {
+        const LayerDoc* view = session("size").view(orRaise(parseLayerId(name)));
+        return view ? view->specCount() : 0;
+    }
+    /// Whether the editor should have a spec.
+    bool has(const std::string& name, const std::string& path) {
+        return here("has").has(orRaise(parseLayerId(name)), path);
+    }
+    /// The content of a field as the editor should have it, or None.
+    nb::object held(const std::string& name, const std::string& path, const std::string& field) {
+        const auto bytes = here("held").held(orRaise(parseLayerId(name)), path, field);
+        return bytes ? nb::object(toBytes(*bytes)) : nb::none();
+    }
+
+    std::uint64_t save(const std::vector<std::string>& names, bool force) {
+        std::vector<LayerId> layers;
+        for (const auto& name : names) layers.push_back(orRaise(parseLayerId(name)));
+        const auto forced = force ? std::optional(true) : std::nullopt;
+        return session("save").request(SaveLayers{.layers = std::move(layers), .force = forced});
+    }
+    std::uint64_t createLayer(const std::string& name) {
+        return session("create_layer").request(CreateLayer{.layer = orRaise(parseLayerId(name))});
+    }
+    bool mayWrite(const std::string& name) {
+        return session("may_write").rights().mayWriteIn(orRaise(parseLayerId(name)));
+    }
+
+    client::Session& session(const char* function) { return here(function).session(); }
+    SharedLayers& here(const char* function) {
+        if (!layers_)
+            raise({ErrorCode::NotConnected, std::string(function) +
+                                                "(): this connection was closed. Make another "
+                                                "with usdlive.connect()"});
+        if (const auto error = layers_->thread().claim(function)) raise(*error);
+        return *layers_;
+    }
+
+private:
+    static nb::tuple toTuple(const LayerChange::Replaced&) { return nb::make_tuple("replaced"); }
+    static nb::tuple toTuple(const LayerChange::Namespace& change) {
+        const std::string& path = change.path;
+        return std::visit(
+            Overloaded{
+                [&](const CreateSpec& create) {
+                    return nb::make_tuple("create", path, int(create.kind));
+                },
+                [&](const MoveSpec& move) {
+                    return nb::make_tuple("move", path, destination(path, move));
+                },
+                [&](const PlaceSpec& place) { return nb::make_tuple("place", path, place.before); },
+                [&](const auto&) { return nb::make_tuple("delete", path); }},
+            change.action);
+    }
+    static nb::tuple toTuple(const LayerChange::Field& change) {
+        return nb::make_tuple("field", change.path, change.field,
+                              change.value ? nb::object(toBytes(*change.value)) : nb::none());
+    }
+
+    std::unique_ptr<SharedLayers> layers_;
+};
+
+}  // namespace
+
+NB_MODULE(_session, module) {
+    module.attr("__version__") = USDLIVE_VERSION;
+    // The number of the type (V1) of an attribute with this type name, or None.
+    module.def("value_type_of", [](const std::string& name) -> nb::object {
+        const auto type = valueTypeOf(name);
+        return type ? nb::object(nb::int_(int(*type))) : nb::none();
+    });
+    module.def("parent_of", [](const std::string& path) { return specpath::parent(path); });
+    module.def("name_of",
+               [](const std::string& path) { return std::string(specpath::last(path).name); });
+    nb::class_<PythonSession>(module, "Session")
+        .def(nb::init<const std::string&, const std::string&, const std::string&,
+                      const std::string&, double, std::uint64_t, const std::string&>())
+        .def("close", &PythonSession::close)
+        .def_prop_ro("closed", &PythonSession::isClosed)
+        .def("advance", &PythonSession::advance)
+        .def("wait", &PythonSession::wait)
+        .def("take_events", &PythonSession::takeEvents)
+        .def("project_layers", &PythonSession::projectLayers)
+        .def("open", &PythonSession::open)
+        .def("close_layer", &PythonSession::closeLayer)
+        .def("is_joined", &PythonSession::isJoined)
+        .def("capture", &PythonSession::capture)
+        .def("submit", &PythonSession::submit)
+        .def("take_changes", &PythonSession::takeChanges)
+        .def("content", &PythonSession::content)
+        .def("size", &PythonSession::size)
+        .def("has", &PythonSession::has)
+        .def("held", &PythonSession::held)
+        .def("save", &PythonSession::save)
+        .def("create_layer", &PythonSession::createLayer)
+        .def("may_write", &PythonSession::mayWrite)
+        .def_prop_ro("connected",
+                     [](PythonSession& self) { return self.session("connected").isConnected(); })
+        .def_prop_ro("revision",
+                     [](PythonSession& self) { return self.session("revision").revision(); })
+        .def_prop_ro(
+            "pending",
+            [](PythonSession& self) { return self.session("pending").pendingTransactions(); })
+        .def_prop_ro("user", [](PythonSession& self) { return self.here("user").user(); })
+        .def_prop_ro("role",
+                     [](PythonSession& self) {
+                         return std::string(nameOf(self.session("role").rights().role()));
+                     })
+        .def_prop_ro("id", [](PythonSession& self) { return self.session("id").id().value; });
+}
