@@ -10,21 +10,40 @@
 
 from __future__ import annotations
 
+from ._error_code import ErrorCode
+from ._errors import Error
+from ._openusd import OtherOpenUsd as _OtherOpenUsd
 from ._openusd import check as _check_openusd
+from ._openusd import is_portable_here as _is_portable_here
 
-_check_openusd()  # loads usd-core's library, which the extension uses
+try:
+    _check_openusd()  # loads usd-core's library, which the extension uses
+    _other = None
+except _OtherOpenUsd as _found:
+    if not _is_portable_here():
+        raise ImportError(str(_found)) from None
+    _other = str(_found)
 
-from . import events, plugins  # noqa: E402
-from ._usdlive import __version__  # noqa: E402
-from ._error_code import ErrorCode  # noqa: E402
-from ._errors import Error  # noqa: E402
-from ._history import LoggedCommit, Opinion  # noqa: E402
-from ._live import Live, UnsentWork, connect, connect_async  # noqa: E402
-from ._namespace import NamespaceEditor  # noqa: E402
-from ._player import Player  # noqa: E402
-from ._undo import UndoKept, UndoResult, UndoStack  # noqa: E402
+from . import events  # noqa: E402
 
-plugins.register()
+if _other is None:
+    from . import plugins
+    from ._history import LoggedCommit, Opinion
+    from ._live import Live, UnsentWork, connect, connect_async
+    from ._namespace import NamespaceEditor
+    from ._player import Player
+    from ._undo import UndoKept, UndoResult, UndoStack
+    from ._usdlive import __version__
 
-__all__ = ["__version__", "Error", "ErrorCode", "Live", "LoggedCommit", "NamespaceEditor", "Opinion", "Player", "UndoKept",
-           "UndoResult", "UndoStack", "UnsentWork", "connect", "connect_async", "events", "plugins"]
+    plugins.register()
+
+    __all__ = ["__version__", "Error", "ErrorCode", "Live", "LoggedCommit", "NamespaceEditor", "Opinion", "Player",
+               "UndoKept", "UndoResult", "UndoStack", "UnsentWork", "connect", "connect_async", "events", "plugins"]
+else:
+    from ._session import __version__
+    from .portable.connecting import connect
+
+    __all__ = ["__version__", "Error", "ErrorCode", "connect", "events"]
+
+    def __getattr__(name: str) -> object:
+        raise AttributeError(f"usdlive has no {name!r} in this process, which has only the portable backend: {_other}")

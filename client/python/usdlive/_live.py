@@ -22,10 +22,12 @@ from ._history import LoggedCommit, Moment, Opinion, logged, milliseconds, opini
 from ._past import ReadOnly, open_at
 from ._player import Player
 from ._undo import UndoKept, UndoResult, UndoStack
+from .portable.connecting import connect as connect_portable
 
 
 def connect(url: str, *, user: str = "", application: str = "python", cache_folder: str = "",
-            timeout: float = 10.0, cache_mib: int = 4096, addresses: bool = True, token: str = "") -> "Live":
+            timeout: float = 10.0, cache_mib: int = 4096, addresses: bool = True, token: str = "",
+            backend: str | None = None) -> "Live":
     """Connects to a server and waits for its answer, at most `timeout` seconds. A server that cannot be reached
     is an error after one second.
 
@@ -40,11 +42,15 @@ def connect(url: str, *, user: str = "", application: str = "python", cache_fold
     as in the project's folder: textures, `.usdz` packages and others, which are fetched when they are first read.
     Without, they are paths of files without content in the cache folder, and no other file is found. `token`: signs in with it,
     in a process that acts for several users; otherwise with the token that this user's programs know for the server; `user` is
-    then the name of the token's user. Raises an Error:
+    then the name of the token's user. `backend`: "portable" returns a `usdlive.portable.PortableLive`, as a process with
+    another OpenUSD gets it; `Live.backend` says which one is used. Raises an Error:
     `notConnected`, `invalidArgument`.
     """
     if cache_mib < 0:
         raise ValueError(f"cache_mib is {cache_mib}: it must be 0 or more")
+    if backend not in (None, "fast"):
+        return typing.cast(Live, connect_portable(url, user=user, application=application, cache_folder=cache_folder,
+                                                  timeout=timeout, cache_mib=cache_mib, token=token, backend=backend))
     if url.strip().startswith("usdlive-invitation://"):
         url = _usdlive.join(url)
     client = _usdlive.Client(url, user, application, os.fspath(cache_folder), timeout * 1000.0, cache_mib << 20,
@@ -127,6 +133,8 @@ class _MutenessOfStage:
 
 class Live:
     """A live project. Use it on the thread that owns the stage, and call `tick()` once per frame."""
+
+    backend = "fast"
 
     def __init__(self, client: "_usdlive.Client", url: str, user: str):
         self._client = client

@@ -13,8 +13,13 @@ import sys
 from ._built_for import PYTHON, USD_CORE, USD_LIBRARY
 
 _WANTED = f"usdlive needs usd-core=={USD_CORE} for Python {PYTHON}"
+_PORTABLE_FROM = (0, 24, 11)
 # Libraries that contain Sdf: of usd-core and bpy, of a stock OpenUSD, of Houdini.
 _SDF = re.compile(r"/lib(usd|pxr)_(ms|sdf)[-.][^/]*$")
+
+
+class OtherOpenUsd(ImportError):
+    """The process has an OpenUSD that is not the one for which usdlive was built. The portable backend may fit."""
 
 
 def check() -> None:
@@ -26,17 +31,28 @@ def check() -> None:
     before = "pxr" in sys.modules
     version, found = _loaded()
     if version != USD_CORE:
-        raise ImportError(f"{_WANTED}; found {found}. {_advice(before)}")
+        raise (ImportError if version is None else OtherOpenUsd)(f"{_WANTED}; found {found}. {_advice(before)}")
     libraries = _loaded_libraries()
     if libraries is None or not USD_LIBRARY:
         return
     ours = [path for path in libraries if os.path.basename(path) == USD_LIBRARY]
     if not ours:
-        raise ImportError(f"{_WANTED}; found {found}, which is another build of it. {_advice(before)}")
+        raise OtherOpenUsd(f"{_WANTED}; found {found}, which is another build of it. {_advice(before)}")
     if len(libraries) > 1:
         others = ", ".join(path for path in libraries if path != ours[0])
         raise ImportError(f"{_WANTED}, and no other OpenUSD in the process; found {others} beside {ours[0]}. Start "
                           "usdlive in a process that loads one OpenUSD only.")
+
+
+def is_portable_here() -> bool:
+    """Whether the portable backend can use the OpenUSD of this process."""
+    try:
+        from pxr import Gf, Sdf, Usd, Vt  # noqa: F401
+
+        from . import _session  # noqa: F401
+    except ImportError:
+        return False
+    return Usd.GetVersion() >= _PORTABLE_FROM
 
 
 def library_folder() -> str | None:

@@ -1,0 +1,388 @@
+"""Reads the content of an Sdf.Layer for the session, and writes what the session tells into one."""
+
+from __future__ import annotations
+
+import re
+import typing
+
+from pxr import Sdf, Tf
+
+from .. import _session
+from . import values
+from ._text_types import dictionary_types, reference_types
+from .values import Unsupported
+
+ATTRIBUTE, PRIM, ROOT, RELATIONSHIP, VARIANT, VARIANT_SET = 1, 6, 7, 8, 10, 11
+_PATH_LISTS = {"targetPaths": "targetPathList", "connectionPaths": "connectionPathList"}
+# The names in Tf of the types of fields whose values are plain in Python.
+_TYPES = {"bool": 1, "unsigned char": 2, "int": 3, "unsigned int": 4, "long": 5, "unsigned long": 6, "int64_t": 5, "uint64_t": 6,
+          "pxr_half::half": 7, "GfHalf": 7, "float": 8, "double": 9, "string": values.STRING, "TfToken": values.TOKEN,
+          "vector<TfToken, allocator<TfToken> >": values.TOKENS, "vector<string, allocator<string> >": values.STRINGS}
+_field_types: dict[tuple[type, str], str] = {}
+
+Refuse = typing.Callable[[str, str, str], None]
+
+
+def object_at(layer: Sdf.Layer, path: str) -> Sdf.Spec | None:
+    """The spec at a path. Of a variant, the prim spec, which has its fields and children."""
+    spec = layer.GetObjectAtPath(path)
+    return spec.primSpec if isinstance(spec, Sdf.VariantSpec) else spec
+
+
+def _type_of(spec: Sdf.Spec, field: str) -> str:
+    key = (type(spec), field)
+    if key not in _field_types:
+        _field_types[key] = spec.GetTypeForInfo(field).typeName
+    return _field_types[key]
+
+
+def is_known(spec: Sdf.Spec, field: str) -> bool:
+    """Whether this OpenUSD knows the field for such a spec."""
+    return _type_of(spec, field) not in ("", "void") or field in ("default", "timeSamples", "displayUnit")
+
+
+class Memory:
+    """The encoded bytes of fields whose types cost much to find, as long as the layer has the same value."""
+
+    def __init__(self) -> None:
+        self._known: dict[tuple[str, str], tuple[object, bytes]] = {}
+
+    def note(self, path: str, field: str, value: object, data: bytes) -> None:
+        self._known[path, field] = (value, data)
+
+    def recall(self, path: str, field: str, value: object) -> bytes | None:
+        known = self._known.get((path, field))
+        return known[1] if known is not None and _equal(known[0], value) else None
+
+    def clear(self) -> None:
+        self._known.clear()
+
+
+def _equal(left: object, right: object) -> bool:
+    if type(left) is not type(right):
+        return False
+    if isinstance(left, dict):
+        return left.keys() == right.keys() and all(_equal(left[key], right[key]) for key in left)  # type: ignore[attr-defined]
+    return bool(left == right)
+
+
+# --- reading
+
+Spec = tuple[str, int, dict[str, bytes], list[str], list[str], list[str], list[str]]
+
+
+class Reader:
+    """Reads specs of a layer as Session.capture() takes them. `is_held(path)`: whether the session has the spec. Calls
+    `refuse(path, field, why)` for what cannot be shared."""
+
+    def __init__(self, layer: Sdf.Layer, memory: Memory, is_held: typing.Callable[[str], bool], refuse: Refuse):
+        self._layer, self._memory, self._is_held, self._refuse = layer, memory, is_held, refuse
+        self._specs: list[Spec] = []
+        self._read: set[str] = set()
+
+    def all(self) -> list[Spec]:
+        """Reads the whole layer."""
+        self._prim(self._layer.pseudoRoot, "/", ROOT, deep=True)
+        return self._specs
+
+    def at(self, paths: typing.Iterable[str]) -> list[Spec]:
+        """Reads the prims, variants or root at these paths with their properties, and what is new below them. For a path
+        without a spec, or with a new one, its parent is read."""
+        for path in sorted(paths):
+            spec = object_at(self._layer, path)
+            while path != "/" and (not isinstance(spec, Sdf.PrimSpec) or not self._is_held(path)):
+                path = _session.parent_of(path)
+                spec = object_at(self._layer, path)
+            if isinstance(spec, (Sdf.PrimSpec, Sdf.PseudoRootSpec)):
+                self._prim(spec, path, ROOT if path == "/" else VARIANT if path.endswith("}") else PRIM, deep=False)
+        return self._specs
+
+    def _prim(self, prim: typing.Any, path: str, kind: int, deep: bool) -> None:
+        if path in self._read:
+            return
+        self._read.add(path)
+        children = self._layer.rootPrims if kind == ROOT else prim.nameChildren
+        properties = () if kind == ROOT else prim.properties
+        sets = () if kind == ROOT else prim.variantSets
+        names = [one.name for one in properties]
+        self._add(prim, path, kind, [child.name for child in children], names, [one.name for one in sets])
+        below = "" if kind == ROOT else path
+        for one, name in zip(properties, names):
+            self._add(one, f"{below}.{name}", ATTRIBUTE if isinstance(one, Sdf.AttributeSpec) else RELATIONSHIP)
+        separator = "" if kind == VARIANT else "/"
+        for child in children:
+            at = f"{below}{separator}{child.name}"
+            if deep or not self._is_held(at):
+                self._prim(child, at, PRIM, deep=True)
+        for variants in sets:
+            self._add(variants, f"{below}{{{variants.name}=}}", VARIANT_SET,
+                      variants=[variant.name for variant in variants.variants])
+            for variant in variants.variants:
+                at = f"{below}{{{variants.name}={variant.name}}}"
+                if deep or not self._is_held(at):
+                    self._prim(variant.primSpec, at, VARIANT, deep=True)
+
+    def _add(self, spec: Sdf.Spec, path: str, kind: int, prims: typing.Sequence[str] = (), properties: typing.Sequence[str] = (),
+             sets: typing.Sequence[str] = (), variants: typing.Sequence[str] = ()) -> None:
+        fields: dict[str, bytes] = {}
+        for field in spec.ListInfoKeys():
+            if field == "subLayerOffsets":
+                continue
+            try:
+                fields[field] = self._field(spec, path, field)
+            except Unsupported as error:
+                self._refuse(path, field, str(error))
+            except (TypeError, Tf.ErrorException) as error:
+                self._refuse(path, field, f"Python cannot read its value: {error}")
+        self._specs.append((path, kind, fields, list(prims), list(properties), list(sets), list(variants)))
+
+    def _field(self, spec: Sdf.Spec, path: str, field: str) -> bytes:
+        if field == "subLayers":
+            return values.encode_sublayers(zip(self._layer.subLayerPaths, self._layer.subLayerOffsets))
+        value = spec.GetInfo(field)
+        if field in ("default", "timeSamples"):
+            number = _session.value_type_of(str(spec.GetInfo("typeName")))
+            if field == "timeSamples":
+                return values.encode_samples(value, number)
+            if isinstance(value, dict):
+                raise Unsupported("an attribute cannot have a dictionary")
+            return values.encode(value, number)
+        if values.is_list_op(value):
+            return self._list_op(spec, path, field, value)
+        if field == "variantSelection":
+            return values.encode_map(sorted(value.items()), values.STRING)
+        if field in ("relocates", "layerRelocates"):
+            return values.encode_map(value.items() if isinstance(value, dict) else value, values.PATH)
+        if isinstance(value, dict):
+            return self._dictionary(spec, path, field, value)
+        if field == "displayUnit":
+            return values.encode(Sdf.GetNameForUnit(value), values.TOKEN)
+        if isinstance(value, list) and _type_of(spec, field) not in _TYPES:
+            raise Unsupported(f"its type {_type_of(spec, field)} cannot be shared by this backend")
+        return values.encode(value, _TYPES.get(_type_of(spec, field)))
+
+    def _dictionary(self, spec: Sdf.Spec, path: str, field: str, value: dict) -> bytes:
+        data = self._memory.recall(path, field, value)
+        if data is None:
+            data = values.encode(value, types=dictionary_types(spec, field))
+            self._memory.note(path, field, value, data)
+        return data
+
+    def _list_op(self, spec: Sdf.Spec, path: str, field: str, value: typing.Any) -> bytes:
+        items = [item for name in values.LISTS for item in getattr(value, name)] if field == "references" else []
+        if not any(item.customData for item in items):
+            return values.encode_list_op(value)
+        data = self._memory.recall(path, field, value)
+        if data is None:
+            data = values.encode_list_op(value, reference_types(spec))
+            self._memory.note(path, field, value, data)
+        return data
+
+
+# --- writing
+
+class Writer:
+    """Writes changes of the session into a layer. Content that this OpenUSD cannot express is left out."""
+
+    def __init__(self, layer: Sdf.Layer, memory: Memory):
+        self._layer, self._memory = layer, memory
+        self._late: dict[str, dict[str, bytes | None]] = {}  # fields of attributes that have no type yet
+
+    def create(self, path: str, kind: int) -> None:
+        if object_at(self._layer, path) is not None:
+            return
+        name = _session.name_of(path)
+        if kind == ATTRIBUTE:
+            self._late[path] = {}  # made with its type
+            return
+        above = _session.parent_of(path)
+        parent = self._layer if above == "/" else self._layer.GetObjectAtPath(above) if kind == VARIANT else object_at(
+            self._layer, above)
+        if parent is None:
+            return
+        if kind == PRIM:
+            Sdf.PrimSpec(parent, name, Sdf.SpecifierOver)
+        elif kind == RELATIONSHIP:
+            Sdf.RelationshipSpec(parent, name, False)
+        elif kind == VARIANT_SET:
+            Sdf.VariantSetSpec(parent, name)
+        elif kind == VARIANT:
+            Sdf.VariantSpec(parent, name)
+
+    def delete(self, path: str) -> None:
+        self._late.pop(path, None)
+        spec = self._layer.GetObjectAtPath(path)
+        if spec is None:
+            return
+        if isinstance(spec, Sdf.VariantSpec):
+            spec.owner.RemoveVariant(spec)
+        elif isinstance(spec, Sdf.VariantSetSpec):
+            del object_at(self._layer, _session.parent_of(path)).variantSets[spec.name]
+        elif isinstance(spec, Sdf.PropertySpec):
+            spec.owner.RemoveProperty(spec)
+        else:
+            above = _session.parent_of(path)
+            children = self._layer.rootPrims if above == "/" else object_at(self._layer, above).nameChildren
+            del children[spec.name]
+
+    def move(self, path: str, to: str) -> None:
+        if isinstance(self._layer.GetObjectAtPath(path), (Sdf.VariantSpec, Sdf.VariantSetSpec)):
+            if Sdf.CopySpec(self._layer, path, self._layer, to):
+                self.delete(path)
+            return
+        self._apply((path, to, -1 if _session.parent_of(path) != _session.parent_of(to) else Sdf.NamespaceEdit.same))
+
+    def place(self, path: str, before: str) -> None:
+        """Sdf orders a spec only while it renames it."""
+        spec = self._layer.GetObjectAtPath(path)
+        if not isinstance(spec, (Sdf.PrimSpec, Sdf.PropertySpec)):
+            return
+        names = self._siblings(path, spec)
+        names.remove(spec.name)
+        index = names.index(before) if before in names else -1
+        free = next(name for name in (f"usdlivePlacing{number}" for number in range(len(names) + 1)) if name not in names)
+        between = re.sub(r"[^/.}]*$", "", path) + free if isinstance(spec, Sdf.PrimSpec) else str(
+            spec.path.ReplaceName(free))
+        self._apply((path, between, -1), (between, path, index))
+
+    def _siblings(self, path: str, spec: Sdf.Spec) -> list[str]:
+        above = _session.parent_of(path)
+        owner = self._layer if above == "/" else object_at(self._layer, above)
+        if isinstance(spec, Sdf.PropertySpec):
+            return [one.name for one in owner.properties]
+        return [one.name for one in (owner.rootPrims if above == "/" else owner.nameChildren)]
+
+    def _apply(self, *edits: tuple[str, str, int]) -> None:
+        batch = Sdf.BatchNamespaceEdit()
+        for path, to, index in edits:
+            batch.Add(path, to, index)
+        self._layer.Apply(batch)
+
+    def field(self, path: str, field: str, data: bytes | None) -> None:
+        """Sets a field, or erases it without `data` and where this OpenUSD cannot express the value."""
+        if path in self._late:
+            self._late[path][field] = data
+            if field != "typeName" or not self._make_attribute(path, data):
+                return
+            for other, each in self._late.pop(path).items():
+                if other != "typeName":
+                    self.field(path, other, each)
+            return
+        spec = object_at(self._layer, path)
+        if spec is not None:
+            write(spec, path, field, data, self._memory)
+
+    def _make_attribute(self, path: str, data: bytes | None) -> bool:
+        kind = Sdf.ValueTypeNames.Find(_text(data)) if data else None
+        owner = object_at(self._layer, _session.parent_of(path))
+        if not kind or owner is None:
+            return False
+        Sdf.AttributeSpec(owner, _session.name_of(path), kind)
+        return True
+
+
+def _text(data: bytes) -> str:
+    return values.header(data)[1][4:].decode()
+
+
+def write(spec: Sdf.Spec, path: str, field: str, data: bytes | None, memory: Memory) -> bool:
+    """Sets or erases a field. Returns False if this OpenUSD cannot express the value; the spec is then without it."""
+    try:
+        if data is not None:
+            _set(spec, field, data)
+            if values.header(data)[0] == values.DICTIONARY or field == "references":
+                memory.note(path, field, spec.GetInfo(field), data)
+            return True
+    except (Unsupported, Tf.ErrorException, TypeError, ValueError, RuntimeError):
+        pass
+    _erase(spec, field)
+    return data is None
+
+
+def _set(spec: typing.Any, field: str, data: bytes) -> None:
+    if field == "subLayers":
+        _set_sublayers(spec.layer, values.decode(data))
+    elif field in _PATH_LISTS:
+        explicit, lists = values.decoded_list(data)
+        proxy = getattr(spec, _PATH_LISTS[field])
+        proxy.ClearEditsAndMakeExplicit() if explicit else proxy.ClearEdits()
+        for name, items in zip(values.LISTS, lists):
+            if items:
+                getattr(proxy, name)[:] = items
+    elif field == "timeSamples":
+        _set_samples(spec, values.decode(data))
+    else:
+        spec.SetInfo(field, values.decode(data, field))
+
+
+def _set_samples(spec: typing.Any, samples: dict) -> None:
+    layer, path = spec.layer, spec.path
+    if not samples:
+        raise Unsupported("no sample can be expressed here")
+    present = set(layer.ListTimeSamplesForPath(path))
+    for time in present - samples.keys():
+        layer.EraseTimeSample(path, time)
+    for time, value in samples.items():
+        layer.SetTimeSample(path, time, value)
+
+
+def _set_sublayers(layer: Sdf.Layer, sublayers: list) -> None:
+    if list(layer.subLayerPaths) != [path for path, _ in sublayers]:
+        layer.subLayerPaths[:] = [path for path, _ in sublayers]
+    for index, (_, offset) in enumerate(sublayers):
+        if layer.subLayerOffsets[index] != offset:
+            layer.subLayerOffsets[index] = offset
+
+
+def _erase(spec: typing.Any, field: str) -> None:
+    if field == "subLayers":
+        spec.layer.subLayerPaths[:] = []
+    elif field in _PATH_LISTS:
+        getattr(spec, _PATH_LISTS[field]).ClearEdits()
+    elif field == "timeSamples":
+        for time in spec.layer.ListTimeSamplesForPath(spec.path):
+            spec.layer.EraseTimeSample(spec.path, time)
+    elif spec.HasInfo(field):
+        spec.ClearInfo(field)
+
+
+def stays(layer: Sdf.Layer, path: str, field: str, data: bytes) -> bool:
+    """Whether content that the layer does not have is only what this OpenUSD cannot express (so that nobody has erased it)."""
+    if not field:
+        return False  # a spec
+    number = values.header(data)[0]
+    spec = object_at(layer, path)
+    try:
+        value = values.decode(data, field)
+    except Unsupported:
+        return True
+    if spec is None:
+        return False
+    if field == "timeSamples":
+        return number == values.SAMPLES and not value
+    if not is_known(spec, field):
+        return True
+    if _type_of(spec, field) == "VtDictionary":
+        return False
+    return not _can_be_set(spec, field, data)
+
+
+def _can_be_set(spec: Sdf.Spec, field: str, data: bytes) -> bool:
+    if field in ("subLayers", *_PATH_LISTS):
+        return True
+    scratch = Sdf.Layer.CreateAnonymous(".usda")
+    writer = Writer(scratch, Memory())
+    if isinstance(spec, Sdf.PseudoRootSpec):
+        return write(scratch.pseudoRoot, "/", field, data, Memory())
+    writer.create("/P", PRIM)
+    path = "/P"
+    if isinstance(spec, Sdf.AttributeSpec):
+        path = "/P.p"
+        Sdf.AttributeSpec(scratch.GetPrimAtPath("/P"), "p", spec.typeName)
+    elif isinstance(spec, Sdf.RelationshipSpec):
+        path = "/P.p"
+        writer.create(path, RELATIONSHIP)
+    elif isinstance(spec, Sdf.VariantSetSpec):
+        path = "/P{p=}"
+        writer.create(path, VARIANT_SET)
+    return write(scratch.GetObjectAtPath(path), path, field, data, Memory())

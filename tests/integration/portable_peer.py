@@ -1,0 +1,31 @@
+"""An editor with the OpenUSD of its environment: `portable_peer.py BACKEND URL USER LAYER`, driven as peer.py."""
+
+import json
+import sys
+import traceback
+
+import usdlive
+from pxr import Gf, Sdf, Usd, UsdGeom, Vt  # used by the statements
+
+backend, url, user, root = sys.argv[1:]
+live = usdlive.connect(url, user=user, backend=None if backend == "any" else backend)
+happened = []
+live.add_handler(happened.append)
+stage = live.open_stage(root)
+
+
+def layer(name=root):
+    return Sdf.Layer.Find(live.identifier(name))
+
+
+names = dict(globals())
+print("{}", flush=True)
+for line in sys.stdin:
+    names.pop("result", None)
+    try:
+        exec(json.loads(line), names)
+        answer = {"value": names.get("result")}
+    except BaseException:
+        answer = {"error": traceback.format_exc()}
+    print(json.dumps(answer), flush=True)
+live.close()

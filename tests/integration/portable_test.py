@@ -1,0 +1,426 @@
+"""The portable backend: editors with other versions of OpenUSD, and with the one that usdlive was built for, edit one
+project. What a version cannot express comes back from it unchanged."""
+
+import os
+import pathlib
+import re
+import subprocess
+import sys
+
+import pytest
+from conftest import HERE, Peer, cat
+from pxr import Sdf
+
+ENVIRONMENTS = pathlib.Path(os.environ["USDLIVE_PRODUCT_ENV"]).parent
+OLDEST, NEWEST, BUILT_FOR = "24.11", "26.11", "26.8"
+
+ROOT = """#usda 1.0
+(
+    customLayerData = {
+        float a = 1.5
+        dictionary nested = {
+            token t = "x"
+            uchar u = 3
+        }
+        int64 big = 5000000000
+        string "odd key" = 'it is "odd"'
+    }
+    defaultPrim = "World"
+    subLayers = [
+        @./sub.usda@ (offset = 2; scale = 0.5)
+    ]
+    timeCodesPerSecond = 25
+    upAxis = "Z"
+)
+
+def Xform "World" (
+    assetInfo = {
+        asset identifier = @./a.usda@
+    }
+    customData = {
+        bool b = 1
+        float[] floats = [1, 2]
+        half h = 0.5
+        double3 v = (1, 2, 3)
+    }
+    doc = "Two\\nlines"
+    kind = "assembly"
+    variants = {
+        string look = "red"
+    }
+    prepend variantSets = "look"
+)
+{
+    rel targets = [
+        </World/Ball>,
+        </World/Box>,
+    ]
+    prepend rel more = </World/Ball>
+
+    def Sphere "Ball" (
+        delete references = </Other>
+        prepend references = </Class> (
+            customData = {
+                float weight = 0.25
+            }
+            offset = 3
+        )
+    )
+    {
+        double radius = 2
+        double radius.timeSamples = {
+            1: 1.5,
+            2: None,
+            3.5: 4,
+        }
+        color3f[] primvars:displayColor = [(1, 0, 0.25)] (
+            interpolation = "constant"
+        )
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+        double3 xformOp:translate = (1, 2, 3)
+        float noise.connect = </World/Box.size>
+    }
+
+    def Cube "Box"
+    {
+        float size = None
+    }
+    variantSet "look" = {
+        "blue" {
+            over "Box"
+            {
+                bool blue = 1
+            }
+
+        }
+        "red" (
+            doc = "It is red"
+        ) {
+            string text = "red"
+
+            def Scope "In"
+            {
+            }
+        }
+    }
+}
+
+class "Class"
+{
+    int number = -1
+}
+"""
+SUB = """#usda 1.0
+
+over "World"
+{
+    custom string fromBelow = "sub"
+}
+"""
+# Content that no portable backend shows yet. It has to keep it.
+SPLINE = """
+def "Curves"
+{
+    double animated.spline = {
+        1: 5; post linear,
+        3: 7; post linear,
+    }
+}
+"""
+
+
+class Editor(Peer):
+    """An editor whose OpenUSD is that of an environment."""
+
+    def __init__(self, python: str, backend: str, url: str, user: str, log: pathlib.Path):
+        self.log = log
+        environment = {**os.environ, "PYTHONPATH": str(pathlib.Path(os.environ["USDLIVE_BUILD"]) / "python")}
+        self.process = subprocess.Popen([python, str(HERE / "portable_peer.py"), backend, url, user, "root.usda"], text=True,
+                                        env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log.open("ab"))
+        self._answer()
+
+
+def python_of(version: str) -> str:
+    if version == BUILT_FOR:
+        return sys.executable
+    python = ENVIRONMENTS / f"pxr-{version}" / "bin" / "python"
+    if not python.exists():
+        pytest.skip(f"there is no environment with usd-core=={version}: ./run setup makes it")
+    return str(python)
+
+
+@pytest.fixture
+def served(project, serve):
+    """served(text) serves a project with this root layer."""
+
+    def start(text: str = ROOT):
+        (project / "root.usda").write_text(text)
+        (project / "sub.usda").write_text(SUB)
+        return serve(project)
+
+    return start
+
+
+@pytest.fixture
+def portable(tmp_path):
+    """portable(server, version, user) starts an editor that is closed after the test."""
+    editors: list[Editor] = []
+
+    def start(server, version: str, user: str, backend: str = "any") -> Editor:
+        editors.append(Editor(python_of(version), backend, server.url, user, tmp_path / f"{user}.log"))
+        return editors[-1]
+
+    yield start
+    for one in editors:
+        one.process.kill()
+        one.process.wait()
+
+
+def plain(text: str) -> str:
+    """The text as the pxr of this process writes it."""
+    layer = Sdf.Layer.CreateAnonymous(".usda")
+    assert layer.ImportFromString(text)
+    return layer.ExportToString()
+
+
+def all_synced(server, *editors: Editor, layer: str = "root.usda") -> str:
+    """Waits until all have all commits; checks that they show the same, and returns the text."""
+    revision = max(one.flush() for one in editors)
+    for one in editors:
+        one.catch_up(revision)
+        assert one.flush() == revision, "an editor has made edits of what it received"
+        assert one.run("result = [str(event) for event in happened if type(event).__name__ == 'Lost']") == []
+    texts = [one.text(layer) for one in editors]
+    for text in texts[1:]:
+        assert text == texts[0]
+    assert plain(cat(server, layer)) == texts[0]
+    return texts[0]
+
+
+@pytest.mark.parametrize("version", [OLDEST, BUILT_FOR, NEWEST])
+def test_a_layer_is_what_plain_openusd_reads(served, portable, version):
+    server = served()
+    editor = portable(server, version, "ada", "portable")
+    assert editor.run("result = live.backend") == "portable"
+    assert editor.text("root.usda") == plain(ROOT)
+    assert editor.run("result = stage.GetPrimAtPath('/World').GetAttribute('fromBelow').Get()") == "sub"
+    # Reading all of it again finds no edit.
+    before = editor.flush()
+    editor.run("layer().GetPrimAtPath('/World').kind = 'group'; layer().GetPrimAtPath('/World').kind = 'assembly'")
+    assert editor.flush() == before
+    all_synced(server, editor)
+
+
+EDITS = {
+    "prims": """UsdGeom.Cube.Define(stage, '/World/New').GetSizeAttr().Set(3.5)
+stage.DefinePrim('/Second', 'Scope'); stage.OverridePrim('/World/Ball/Below')""",
+    "numbers": """prim = stage.DefinePrim('/Types')
+for number, name in enumerate(['bool', 'uchar', 'int', 'uint', 'int64', 'uint64', 'half', 'float', 'double']):
+    prim.CreateAttribute(f'a{number}', Sdf.ValueTypeNames.Find(name)).Set(1)
+    prim.CreateAttribute(f'b{number}', Sdf.ValueTypeNames.Find(name + '[]')).Set([0, 1, 1])
+prim.CreateAttribute('third', Sdf.ValueTypeNames.Float).Set(1 / 3)
+prim.CreateAttribute('big', Sdf.ValueTypeNames.UInt64).Set(2 ** 64 - 1)""",
+    "vectors": """prim = stage.DefinePrim('/Vectors')
+for name, value in {'float3': Gf.Vec3f(1, 2, .1), 'double2': Gf.Vec2d(1, 2), 'int4': Gf.Vec4i(1, 2, 3, 4), 'half3': Gf.Vec3h(.1, 2, 3),
+                    'point3f[]': [(1, 2, 3), (4, 5, 6)], 'half2[]': [(.5, .1)], 'quatf': Gf.Quatf(1, 2, 3, 4), 'quath[]': [Gf.Quath(1, 2, 3, 4)],
+                    'matrix4d': Gf.Matrix4d(2), 'matrix2d[]': [Gf.Matrix2d(1, 2, 3, 4)], 'int3[]': []}.items():
+    prim.CreateAttribute('v_' + name.replace('[]', 's'), Sdf.ValueTypeNames.Find(name)).Set(value)""",
+    "texts": """prim = stage.DefinePrim('/Texts')
+for name, value in {'string': 'Zürich "q"\\n', 'token': 'a b', 'asset': Sdf.AssetPath('./x.png'), 'string[]': ['a', ''], 'token[]': ['t'],
+                    'asset[]': [Sdf.AssetPath('a'), Sdf.AssetPath('b')]}.items():
+    prim.CreateAttribute('t_' + name.replace('[]', 's'), Sdf.ValueTypeNames.Find(name)).Set(value)
+prim.CreateAttribute('time', Sdf.ValueTypeNames.TimeCode).Set(2.5)""",
+    "samples": """radius = stage.GetPrimAtPath('/World/Ball').GetAttribute('radius')
+radius.Set(9, 7); radius.ClearAtTime(1); radius.Set(Sdf.ValueBlock(), 8)
+stage.GetPrimAtPath('/World/Ball').GetAttribute('primvars:displayColor').Set([(0, 1, 0)], 4)""",
+    "relationships": """prim = stage.GetPrimAtPath('/World')
+prim.GetRelationship('more').AddTarget('/World/Box', Usd.ListPositionFrontOfAppendList)
+prim.GetRelationship('targets').SetTargets(['/Class'])
+prim.CreateRelationship('empty').SetTargets([])
+layer().GetRelationshipAtPath('/World.more').targetPathList.deletedItems.append('/Gone')
+stage.GetPrimAtPath('/World/Box').GetAttribute('size').AddConnection('/World/Ball.radius')""",
+    "variants": """sets = stage.GetPrimAtPath('/World').GetVariantSets()
+look = sets.GetVariantSet('look'); look.AddVariant('zebra'); look.SetVariantSelection('zebra')
+with look.GetVariantEditContext():
+    stage.DefinePrim('/World/Striped', 'Cone')
+    stage.GetPrimAtPath('/World').CreateAttribute('stripes', Sdf.ValueTypeNames.Int).Set(4)
+other = sets.AddVariantSet('size'); other.AddVariant('big'); other.SetVariantSelection('big')""",
+    "arcs": """prim = stage.DefinePrim('/Arcs')
+prim.GetReferences().AddReference('./sub.usda', '/World', Sdf.LayerOffset(4, 2))
+prim.GetPayloads().AddPayload('./sub.usda', '/World')
+prim.GetInherits().AddInherit('/Class'); prim.GetSpecializes().AddSpecialize('/Class')
+prim.AddAppliedSchema('MyAPI')
+stage.GetPrimAtPath('/World/Ball').GetReferences().AddInternalReference('/Second')""",
+    "metadata": """prim = stage.GetPrimAtPath('/World')
+prim.SetMetadata('hidden', True); prim.SetDocumentation('new'); Usd.ModelAPI(prim).SetKind('group')
+stage.GetPrimAtPath('/World/Ball').SetInstanceable(True)
+stage.SetStartTimeCode(1); stage.SetMetadata('metersPerUnit', 0.01); stage.ClearMetadata('upAxis')
+attribute = layer().GetAttributeAtPath('/World/Box.size'); attribute.displayName = 'Size'; attribute.customData = {'x': Vt.Float(.1)}
+attribute.allowedTokens = ['a', 'b']; attribute.displayGroup = 'Group'
+layer().GetPrimAtPath('/World').nameChildrenOrder = ['Box', 'Ball']; prim.SetActive(False)""",
+    "custom data": """prim = stage.GetPrimAtPath('/World')
+prim.SetCustomDataByKey('added:deep', 'text'); prim.ClearCustomDataByKey('b'); prim.SetCustomDataByKey('h', Vt.Half(0.25))
+prim.SetCustomDataByKey('list', Vt.TokenArray(['a', 'b'])); prim.SetCustomDataByKey('f', Vt.Float(1 / 3)); prim.SetCustomDataByKey('d', 1 / 3)
+layer().customLayerData = {**layer().customLayerData, 'new': {'u': Vt.UChar(7), 'at': Sdf.AssetPath('z')}}""",
+    "delete": """stage.RemovePrim('/World/Box'); stage.GetPrimAtPath('/World/Ball').RemoveProperty('noise')
+layer().GetPrimAtPath('/World').variantSets['look'].RemoveVariant(layer().GetObjectAtPath('/World{look=blue}'))""",
+    "rename": """edit = Sdf.BatchNamespaceEdit(); edit.Add('/World/Ball', '/World/Globe'); assert layer().Apply(edit)""",
+    "order": """edit = Sdf.BatchNamespaceEdit(); edit.Add('/Class', '/Class_', 0); assert layer().Apply(edit)
+edit = Sdf.BatchNamespaceEdit(); edit.Add('/Class_', '/Class', 0); assert layer().Apply(edit)""",
+    "sublayers": """layer().subLayerPaths.append('./sub2.usda'); layer().subLayerOffsets[1] = Sdf.LayerOffset(7)""",
+}
+
+
+@pytest.mark.parametrize("edit", EDITS)
+def test_each_kind_of_edit_reaches_every_version(served, portable, edit):
+    server = served()
+    editors = [portable(server, OLDEST, "old"), portable(server, BUILT_FOR, "fast"), portable(server, NEWEST, "new")]
+    assert [one.run("result = live.backend") for one in editors] == ["portable", "fast", "portable"]
+    before = all_synced(server, *editors)
+    editors[0].run(EDITS[edit])
+    after = all_synced(server, *editors)
+    assert after != before
+    # The same edit in the process of plain OpenUSD has the same result.
+    editors[1].run("alone = Sdf.Layer.CreateAnonymous('.usda'); alone.ImportFromString(" + repr(ROOT) + ")\n"
+                   "stage_, layer_ = stage, layer; stage = Usd.Stage.Open(alone); layer = lambda: alone\n"
+                   "try:\n" + "\n".join("    " + line for line in EDITS[edit].splitlines()) +
+                   "\nfinally:\n    stage, layer = stage_, layer_\nresult = alone.ExportToString()")
+    assert after == editors[1].run("result = alone.ExportToString()")
+
+
+def test_all_at_once(served, portable):
+    """Each editor makes a part of the edits, at the same time."""
+    server = served()
+    editors = [portable(server, version, f"user{version}") for version in (OLDEST, BUILT_FOR, NEWEST)]
+    all_synced(server, *editors)
+    kinds = [kind for kind in EDITS if kind not in ("delete", "order")]
+    for number, kind in enumerate(kinds):
+        editors[number % 3].run(EDITS[kind].replace("/World/Ball", "/World/Globe") if "rename" in kinds[:number] else EDITS[kind])
+        for one in editors:
+            one.run("live.tick()")
+    all_synced(server, *editors)
+
+
+@pytest.mark.parametrize("version", [OLDEST, NEWEST])
+def test_a_rename_keeps_what_others_write_below(served, portable, version):
+    """A rename is one move, and no deletion."""
+    server = served()
+    old, fast = portable(server, version, "old"), portable(server, BUILT_FOR, "fast")
+    all_synced(server, old, fast)
+    fast.run("stage.GetPrimAtPath('/World/Ball').GetAttribute('radius').Set(77)")
+    old.run(EDITS["rename"])
+    assert fast.flush() and old.flush()
+    text = all_synced(server, old, fast)
+    assert "radius = 77" in text and '"Globe"' in text and '"Ball"' not in text
+
+
+@pytest.mark.parametrize("version", [OLDEST, NEWEST])
+def test_what_a_version_cannot_express_comes_back_unchanged(served, portable, version):
+    unknown = ROOT.replace('    kind = "assembly"\n', '    kind = "assembly"\n    myStudio = "kept"\n') + SPLINE
+    server = served(unknown)
+    old, fast = portable(server, version, "old"), portable(server, BUILT_FOR, "fast")
+    assert "spline" not in old.text("root.usda")
+    fast.run("sample = stage.DefinePrim('/Samples').CreateAttribute('a', Sdf.ValueTypeNames.Double)\n"
+             "sample.Set(1, 1); sample.Set(Sdf.AnimationBlock())")
+    old.catch_up(fast.flush())
+    old.run("stage.GetPrimAtPath('/World').SetDocumentation('written here'); stage.DefinePrim('/Curves/More')")
+    old.run("stage.GetPrimAtPath('/World').SetMetadata('hidden', True)")
+    fast.catch_up(old.flush())
+    text = cat(server, "root.usda")
+    assert plain(text) == fast.text("root.usda")
+    assert re.search(r'double animated.spline = \{\s*1: 5', text) and "AnimationBlock" in text and 'myStudio = "kept"' in text
+    assert 'doc = "written here"' in text and "hidden = true" in text and 'def "More"' in text
+
+
+CUBES = "".join(f'    def Cube "Cube{number}"\n    {{\n        double size = {number}\n    }}\n' for number in range(100))
+BIG = ROOT + "".join(f'\ndef Scope "Group{group}"\n{{\n{CUBES}}}\n' for group in range(5))
+
+
+@pytest.mark.parametrize("version", [OLDEST, NEWEST])
+def test_in_a_big_layer_a_frame_finds_what_a_stage_shows(served, portable, version):
+    server = served(BIG)
+    old, fast = portable(server, version, "old"), portable(server, BUILT_FOR, "fast")
+    revision = fast.flush()
+    read = old.run("from usdlive.portable import _content\nread = []\nadd = _content.Reader._add\n"
+                   "def counted(self, spec, path, *rest, **names):\n    read.append(path)\n    add(self, spec, path, *rest, **names)\n"
+                   "_content.Reader._add = counted; from usdlive.portable import live as module; module._LiveLayer.next_slice = lambda self: []\n"
+                   "stage.GetPrimAtPath('/Group3/Cube7').GetAttribute('size').Set(70)\n"
+                   "stage.DefinePrim('/Group1/New', 'Sphere'); stage.RemovePrim('/Group2/Cube5')\n"
+                   "stage.GetPrimAtPath('/World').SetMetadata('hidden', True)\n"
+                   "with stage.GetPrimAtPath('/World').GetVariantSet('look').GetVariantEditContext():\n"
+                   "    stage.GetPrimAtPath('/World').GetAttribute('text').Set('in the variant')\n"
+                   "live.tick(); result = read")
+    assert len(read) < 30 and "/Group3/Cube7.size" in read and "/Group3/Cube8.size" not in read
+    assert fast.run(f"assert live.wait(lambda: live.revision > {revision}, 20)") is None
+    text = fast.text("root.usda")
+    assert "double size = 70" in text and 'def Sphere "New"' in text and text.count('"Cube5"') == 4
+    assert 'string text = "in the variant"' in text and "hidden = true" in text
+    all_synced(server, old, fast)
+
+
+@pytest.mark.parametrize("version", [OLDEST, NEWEST])
+def test_in_a_big_layer_later_frames_find_what_no_stage_shows(served, portable, version):
+    server = served(BIG)
+    old, fast = portable(server, version, "old"), portable(server, BUILT_FOR, "fast")
+    revision = fast.flush()
+    old.run("with Sdf.ChangeBlock():\n"
+            "    layer().GetPrimAtPath('/World{look=blue}Box').SetInfo('documentation', 'unselected')\n"
+            "    layer().GetPrimAtPath('/Group1').SetInfo('documentation', 'shown')\n"
+            "assert live.wait(lambda: not live.tick(), 20)")
+    fast.run(f"assert live.wait(lambda: 'unselected' in layer().ExportToString(), 20)")
+    assert fast.run("result = live.revision") == revision + 2  # what a stage shows came first
+    all_synced(server, old, fast)
+
+
+def test_what_cannot_be_shared_is_reverted_and_reported(served, portable):
+    server = served()
+    new = portable(server, NEWEST, "new")
+    new.run("attribute = stage.DefinePrim('/Edited').CreateAttribute('a', Sdf.ValueTypeNames.IntArray)\n"
+            "builder = Vt.IntArrayEditBuilder(); builder.Append(3)\n"
+            "layer().GetAttributeAtPath('/Edited.a').SetInfo('default', builder.FinalizeAndReset())")
+    new.flush()
+    lost = new.run("result = [(event.code, event.message) for event in happened if type(event).__name__ == 'Lost']")
+    assert [code for code, _ in lost] == ["unsupportedValue"]
+    assert lost[0][1].startswith("root.usda </Edited.a> default: ")
+    assert new.run("result = layer().GetAttributeAtPath('/Edited.a').HasInfo('default')") is False
+    assert "int[] a" in cat(server, "root.usda")
+
+
+def test_a_big_array_arrives(served, portable):
+    server = served()
+    old, fast, new = (portable(server, version, f"user{version}") for version in (OLDEST, BUILT_FOR, NEWEST))
+    old.run("stage.DefinePrim('/Big').CreateAttribute('a', Sdf.ValueTypeNames.IntArray).Set(Vt.IntArray(list(range(100_000))))")
+    revision = old.flush()
+    for one in (fast, new):
+        one.catch_up(revision)
+        one.run("assert live.wait(lambda: (value := stage.GetPrimAtPath('/Big').GetAttribute('a').Get()) is not None "
+                "and list(value) == list(range(100_000)), 20)")
+    fast.run("stage.GetPrimAtPath('/Big').GetAttribute('a').Set(Vt.IntArray(list(range(7, 100_007))))")
+    old.catch_up(fast.flush())
+    new.catch_up(fast.flush())
+    for one in (old, new):
+        one.run("assert live.wait(lambda: stage.GetPrimAtPath('/Big').GetAttribute('a').Get()[0] == 7, 20)")
+    all_synced(server, old, fast, new)
+
+
+def test_save_and_the_rest_of_the_plain_api(served, portable, project):
+    server = served()
+    old = portable(server, OLDEST, "old")
+    old.run("stage.GetPrimAtPath('/World').SetDocumentation('saved')\nresult = str(live.save('root.usda'))")
+    assert 'doc = "saved"' in (project / "root.usda").read_text()
+    old.run("made = live.create_layer('made.usda'); Sdf.PrimSpec(made, 'Made', Sdf.SpecifierDef); assert live.flush()")
+    assert 'def "Made"' in cat(server, "made.usda")
+    assert "portable backend" in old.run("try:\n    live.undo()\nexcept usdlive.Error as error:\n    result = str(error)")
+    assert old.run("result = hasattr(live, 'undo')") is False
+    old.run("live.close()\nresult = (live.closed, live.connected)")
+    assert old.run("result = layer().permissionToEdit") is False
+
+
+def test_the_backend_can_be_chosen(served, portable):
+    server = served()
+    assert portable(server, BUILT_FOR, "chosen", "portable").run("result = live.backend") == "portable"
+    assert portable(server, OLDEST, "any").run(
+        "try:\n    usdlive.connect('ws://127.0.0.1:1', backend='fast')\nexcept ImportError as error:\n    result = str(error)"
+    ).startswith("usdlive needs usd-core==26.8 for Python 3.11; found OpenUSD 24.11 in ")
+    assert portable(server, OLDEST, "other").run(
+        "try:\n    usdlive.Live\nexcept AttributeError as error:\n    result = str(error)").startswith("usdlive has no 'Live'")
