@@ -1,5 +1,6 @@
 """An editor with the OpenUSD of its environment: `portable_peer.py BACKEND URL USER LAYER`, driven as peer.py."""
 
+import difflib
 import json
 import sys
 import traceback
@@ -16,6 +17,23 @@ stage = live.open_stage(root)
 
 def layer(name=root):
     return Sdf.Layer.Find(live.identifier(name))
+
+
+def check():
+    """Checks that the layer, which was changed step by step, has the content that the session says."""
+    if live.backend != "portable":
+        return
+    from usdlive.portable import _content
+
+    afresh = Sdf.Layer.CreateAnonymous(".usda")
+    writer = _content.Writer(afresh, _content.Memory())
+    for path, kind, fields in live._session.content(root):
+        if path != "/":
+            writer.create(path, kind)
+        for field, data in fields.items():
+            writer.field(path, field, data)
+    here, there = layer().ExportToString().splitlines(), afresh.ExportToString().splitlines()
+    assert here == there, "\n".join(difflib.unified_diff(here, there, "the layer", "the session", lineterm=""))
 
 
 names = dict(globals())

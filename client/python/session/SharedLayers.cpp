@@ -172,10 +172,13 @@ void SharedLayers::submit() {
     session_->author(std::exchange(captured_, {}));
     for (const LayerId& id : written) {
         Layer& own = layers_.at(id);
-        // The session has given the new specs ids of its own.
-        if (const LayerDoc* view = session_->view(id))
-            own.shown = *view == *own.shown ? *view : matchedSpecs(*view, *own.shown);
         own.isBehind = true;
+        // The session gives new specs ids of its own.
+        const LayerDoc* view = session_->view(id);
+        if (view && *view == *own.shown)
+            own.shown = *view;
+        else
+            own.hasOwnIds = true;
     }
 }
 
@@ -218,12 +221,14 @@ std::vector<LayerChange> SharedLayers::takeChanges(const LayerId& layer) {
     Layer& own = found->second;
     if (!own.shown || own.isReplaced) {
         own.shown = *view;
-        own.isReplaced = own.isBehind = false;
+        own.isReplaced = own.isBehind = own.hasOwnIds = false;
         own.late.clear();
         changes.push_back({LayerChange::Replaced{}});
         return changes;
     }
     if (std::exchange(own.isBehind, false)) {
+        // Equal ids would mean different specs. The new ids are only valid for this view.
+        if (std::exchange(own.hasOwnIds, false)) own.shown = matchedSpecs(*view, *own.shown);
         // A field may be changed in many parts; the editor gets it once, with all of them.
         for (auto& [path, action] : difference(*own.shown, *view)) {
             static_cast<void>(own.shown->apply(path, action));

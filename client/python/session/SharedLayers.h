@@ -111,6 +111,7 @@ private:
         std::optional<LayerDoc> shown;  ///< the content of the editor's layer; unset: none yet
         bool isReplaced = false;        ///< the editor has to read all
         bool isBehind = false;          ///< the view differs from `shown`
+        bool hasOwnIds = false;         ///< `shown` has specs with other ids than the view
         std::set<Hash> late;            ///< big values that arrived for fields that lack them
     };
 

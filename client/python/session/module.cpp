@@ -151,11 +151,6 @@ public:
         return specs;
     }
 
-    /// The number of specs of a layer.
-    std::size_t size(const std::string& name) {
-        const LayerDoc* view = session("size").view(orRaise(parseLayerId(name)));
-        return view ? view->specCount() : 0;
-    }
     /// Whether the editor should have a spec.
     bool has(const std::string& name, const std::string& path) {
         return here("has").has(orRaise(parseLayerId(name)), path);
@@ -241,7 +236,6 @@ NB_MODULE(_session, module) {
         .def("submit", &PythonSession::submit)
         .def("take_changes", &PythonSession::takeChanges)
         .def("content", &PythonSession::content)
-        .def("size", &PythonSession::size)
         .def("has", &PythonSession::has)
         .def("held", &PythonSession::held)
         .def("save", &PythonSession::save)

@@ -77,17 +77,21 @@ class Reader:
 
     def __init__(self, layer: Sdf.Layer, memory: Memory, is_held: typing.Callable[[str], bool], refuse: Refuse):
         self._layer, self._memory, self._is_held, self._refuse = layer, memory, is_held, refuse
+        self._exact = True
         self._specs: list[Spec] = []
         self._read: set[str] = set()
 
-    def all(self) -> list[Spec]:
-        """Reads the whole layer."""
+    def all(self, exact: bool) -> list[Spec]:
+        """Reads the whole layer. `exact`: also finds that only the type of an entry of a dictionary has changed, which takes
+        as long as writing the specs with dictionaries as text."""
+        self._exact = exact
         self._prim(self._layer.pseudoRoot, "/", ROOT, deep=True)
         return self._specs
 
-    def at(self, paths: typing.Iterable[str]) -> list[Spec]:
+    def at(self, paths: typing.Iterable[str], exact: bool) -> list[Spec]:
         """Reads the prims, variants or root at these paths with their properties, and what is new below them. For a path
         without a spec, or with a new one, its parent is read."""
+        self._exact = exact
         for path in sorted(paths):
             spec = object_at(self._layer, path)
             while path != "/" and (not isinstance(spec, Sdf.PrimSpec) or not self._is_held(path)):
@@ -162,9 +166,9 @@ class Reader:
         return values.encode(value, _TYPES.get(_type_of(spec, field)))
 
     def _dictionary(self, spec: Sdf.Spec, path: str, field: str, value: dict) -> bytes:
-        data = self._memory.recall(path, field, value)
+        data = None if self._exact else self._memory.recall(path, field, value)
         if data is None:
-            data = values.encode(value, types=dictionary_types(spec, field))
+            data = values.encode(value, types=dictionary_types(spec, field) if values.is_ambiguous(value) else None)
             self._memory.note(path, field, value, data)
         return data
 
@@ -172,7 +176,7 @@ class Reader:
         items = [item for name in values.LISTS for item in getattr(value, name)] if field == "references" else []
         if not any(item.customData for item in items):
             return values.encode_list_op(value)
-        data = self._memory.recall(path, field, value)
+        data = None if self._exact else self._memory.recall(path, field, value)
         if data is None:
             data = values.encode_list_op(value, reference_types(spec))
             self._memory.note(path, field, value, data)
@@ -219,7 +223,7 @@ class Writer:
         elif isinstance(spec, Sdf.VariantSetSpec):
             del object_at(self._layer, _session.parent_of(path)).variantSets[spec.name]
         elif isinstance(spec, Sdf.PropertySpec):
-            spec.owner.RemoveProperty(spec)
+            object_at(self._layer, _session.parent_of(path)).RemoveProperty(spec)
         else:
             above = _session.parent_of(path)
             children = self._layer.rootPrims if above == "/" else object_at(self._layer, above).nameChildren

@@ -20,7 +20,6 @@ from ._content import Memory, Reader, Writer, object_at, stays, write
 _SILENCE = 30.0  # seconds without an answer
 _NAMESPACE = ("move", "place")
 _SLICE = 50  # prims of a layer that one tick compares beside those that stages have named
-_SLICED_FROM = 500  # specs; a smaller layer is compared at once
 
 
 class NotInPortable(Error, AttributeError):
@@ -49,11 +48,14 @@ class _LiveLayer:
             self.sweep = self.slices()
         elif self.dirty:
             self.again = True
-        found = next(self.sweep, None) if self.sweep is not None else None
-        if found is None:
-            self.sweep = self.slices() if self.again else None
-            self.again = False
-        return found or []
+        found: list[str] = []
+        while self.sweep is not None and len(found) < _SLICE:
+            part = next(self.sweep, None)
+            found += part or []
+            if part is None:
+                self.sweep = self.slices() if self.again else None
+                self.again = False
+        return found
 
     def end_sweep(self) -> None:
         self.sweep, self.again = None, False
@@ -404,12 +406,12 @@ class PortableLive:
         refused: dict[tuple[str, str], str] = {}
         reader = Reader(live.layer, live.memory, lambda path: self._session.has(live.name, path),
                         lambda path, field, why: refused.update({(path, field): why}))
-        whole = whole or live.dirty and not live.hints or self._session.size(live.name) < _SLICED_FROM
-        if whole:
-            seen = reader.all()
+        if whole or live.dirty and not live.hints:
+            seen = reader.all(exact=not whole)
             live.end_sweep()
         else:
-            seen = reader.at([*live.hints, *live.next_slice()])
+            reader.at(live.hints, exact=True)
+            seen = reader.at(live.next_slice(), exact=False)
         live.dirty = False
         live.hints.clear()
 
@@ -480,11 +482,23 @@ class _Applying:
         self._notices.applying = False
 
 
+def _type_first(changes: list[tuple]) -> list[tuple]:
+    """Moves the type of an attribute before its other fields, which Sdf converts to it."""
+    ordered: list[tuple] = []
+    for change in changes:
+        at = len(ordered)
+        if change[0] == "field" and change[2] == "typeName":
+            while at > 0 and ordered[at - 1][:2] == change[:2]:
+                at -= 1
+        ordered.insert(at, change)
+    return ordered
+
+
 def _write_changes(live: _LiveLayer, changes: list[tuple]) -> None:
     """Writes consecutive changes in one change block. OpenUSD does not survive that for renames, which get one each."""
     writer = Writer(live.layer, live.memory)
     calls = {"create": writer.create, "delete": writer.delete, "move": writer.move, "place": writer.place, "field": writer.field}
-    together: collections.deque[tuple] = collections.deque(changes)
+    together: collections.deque[tuple] = collections.deque(_type_first(changes))
     while together:
         if together[0][0] in _NAMESPACE:
             what, *rest = together.popleft()

@@ -294,6 +294,11 @@ def encode_list_op(value: typing.Any, types: typing.Iterable[dict] = ()) -> byte
     return encode_lists(number, value.isExplicit, [lists[name] for name in LISTS])
 
 
+def is_ambiguous(value: object) -> bool:
+    """Whether Python does not tell the types of all entries of a dictionary."""
+    return any(map(is_ambiguous, value.values())) if isinstance(value, dict) else type(value) in (int, float, str)
+
+
 def is_list_op(value: object) -> bool:
     return type(value) in _ITEM_TYPES
 
