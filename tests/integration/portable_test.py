@@ -377,7 +377,7 @@ def test_in_a_big_layer_later_frames_find_what_no_stage_shows(served, portable, 
             "    layer().GetPrimAtPath('/Group1').SetInfo('documentation', 'shown')\n"
             "assert live.wait(lambda: not live.tick(), 20)")
     fast.run(f"assert live.wait(lambda: 'unselected' in layer().ExportToString(), 20)")
-    assert fast.run("result = live.revision") == revision + 2  # what a stage shows came first
+    assert fast.run("result = live.revision") == revision + 2  # the shown edit came first
     all_synced(server, old, fast)
 
 

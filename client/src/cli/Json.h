@@ -5,10 +5,10 @@
 #include <string>
 
 #include "usdlive/client/session/Undo.h"
+#include "usdlive/common/layer/Blobs.h"
 #include "usdlive/common/layer/Edit.h"
 #include "usdlive/common/layer/LayerDoc.h"
 #include "usdlive/common/protocol/Control.h"
-#include "usdlive/common/layer/Blobs.h"
 
 namespace usdlive::cli {
 

@@ -69,7 +69,7 @@ _LIST_OPS = {3: Sdf.IntListOp, 4: Sdf.UIntListOp, 5: Sdf.Int64ListOp, 6: Sdf.UIn
              TOKEN: Sdf.TokenListOp, PATH: Sdf.PathListOp, REFERENCE: Sdf.ReferenceListOp, PAYLOAD: Sdf.PayloadListOp}
 _ITEM_TYPES = {kind: number for number, kind in _LIST_OPS.items()}
 LISTS = ("explicitItems", "addedItems", "prependedItems", "appendedItems", "deletedItems", "orderedItems")
-TEXT_ORDER = ("explicitItems", "deletedItems", "addedItems", "prependedItems", "appendedItems", "orderedItems")  # as in .usda
+TEXT_ORDER = ("explicitItems", "deletedItems", "addedItems", "prependedItems", "appendedItems", "orderedItems")  # the order of the text
 
 
 # --- decoding
