@@ -134,6 +134,8 @@ def test_missing_and_swapped_words_never_reach_the_default_server(served, serve,
             code, out, error = ended(verb, *line)
             if verb == "checkpoint" and line == (url, url):  # after a URL, a name may look like one
                 continue
+            if verb == "session" and sorted(line) == sorted((url, *words)):  # its URL may be anywhere
+                continue
             assert code == 2 and not out, (verb, line, code, out, error)
             assert "usdlive" in error and f"usdlive help {verb}" in error, (verb, line, error)
     assert state_of(default.url, default.folder) == before
