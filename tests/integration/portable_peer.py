@@ -21,8 +21,8 @@ def layer(name=root):
 
 def check():
     """Checks that the layer, which was changed step by step, has the content that the session says."""
-    if live.backend != "portable":
-        return
+    if live.backend != "portable" or any(one.sweep is not None for one in live._layers.values()):
+        return  # later ticks compare the rest of the layer
     from usdlive.portable import _content
 
     afresh = Sdf.Layer.CreateAnonymous(".usda")

@@ -342,6 +342,15 @@ def test_what_a_version_cannot_express_comes_back_unchanged(served, portable, ve
 
 
 CUBES = "".join(f'    def Cube "Cube{number}"\n    {{\n        double size = {number}\n    }}\n' for number in range(100))
+def test_a_move_that_this_openusd_refuses_is_followed(served, portable):
+    """24.11 moves no prim into a variant of its parent."""
+    server = served()
+    old, fast = portable(server, OLDEST, "old"), portable(server, BUILT_FOR, "fast")
+    fast.run("edit = Sdf.BatchNamespaceEdit(); edit.Add('/World/Ball', '/World{look=red}Moved'); assert layer().Apply(edit)")
+    assert fast.flush()
+    assert '"Moved"' in all_synced(server, old, fast)
+
+
 BIG = ROOT + "".join(f'\ndef Scope "Group{group}"\n{{\n{CUBES}}}\n' for group in range(5))
 
 

@@ -230,11 +230,13 @@ class Writer:
             del children[spec.name]
 
     def move(self, path: str, to: str) -> None:
-        if isinstance(self._layer.GetObjectAtPath(path), (Sdf.VariantSpec, Sdf.VariantSetSpec)):
-            if Sdf.CopySpec(self._layer, path, self._layer, to):
-                self.delete(path)
+        within = _session.parent_of(path) == _session.parent_of(to)
+        is_variant = isinstance(self._layer.GetObjectAtPath(path), (Sdf.VariantSpec, Sdf.VariantSetSpec))
+        if not is_variant and self._apply((path, to, Sdf.NamespaceEdit.same if within else -1)):
             return
-        self._apply((path, to, -1 if _session.parent_of(path) != _session.parent_of(to) else Sdf.NamespaceEdit.same))
+        # Sdf moves no variants, and refuses some moves into variants.
+        if Sdf.CopySpec(self._layer, path, self._layer, to):
+            self.delete(path)
 
     def place(self, path: str, before: str) -> None:
         """Sdf orders a spec only while it renames it."""
@@ -256,11 +258,11 @@ class Writer:
             return [one.name for one in owner.properties]
         return [one.name for one in (owner.rootPrims if above == "/" else owner.nameChildren)]
 
-    def _apply(self, *edits: tuple[str, str, int]) -> None:
+    def _apply(self, *edits: tuple[str, str, int]) -> bool:
         batch = Sdf.BatchNamespaceEdit()
         for path, to, index in edits:
             batch.Add(path, to, index)
-        self._layer.Apply(batch)
+        return self._layer.Apply(batch)
 
     def field(self, path: str, field: str, data: bytes | None) -> None:
         """Sets a field, or erases it without `data` and where this OpenUSD cannot express the value."""
