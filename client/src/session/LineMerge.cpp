@@ -192,7 +192,10 @@ private:
                                                           const EditAction& action) const {
         using What = MergeConflict::What;
         const NodeId node = nodeAt(path);
-        if (std::holds_alternative<CreateSpec>(action)) return takenPlace(path);
+        const bool creates = std::holds_alternative<CreateSpec>(action);
+        if (const NodeId gone = goneAbove(creates || !isCommon(node) ? path : std::string()))
+            return conflict(What::Deleted, path, topmostGone(gone));
+        if (creates) return takenPlace(path);
         if (std::holds_alternative<PlaceSpec>(action) || node == 0) return std::nullopt;
         const bool isGone = isCommon(node) && !intoPaths_.contains(node);
         if (std::holds_alternative<DeleteSpec>(action)) {
@@ -203,9 +206,18 @@ private:
             found.intoUser = lastUserBelow(intoPaths_.at(node));
             return found;
         }
+        // A difference may move a spec aside that it deletes afterwards.
+        if (isCommon(node) && !fromPaths_.contains(node)) return std::nullopt;
         if (isGone) return conflict(What::Deleted, path, topmostGone(node));
-        if (std::holds_alternative<MoveSpec>(action)) {
-            if (!isCommon(node) || !hasMoved(node)) return std::nullopt;
+        if (const auto* move = std::get_if<MoveSpec>(&action)) {
+            const NodeId gone = goneAbove(specpath::child(
+                move->parent.path, specpath::last(path).list, specpath::last(path).name));
+            if (gone != 0) {
+                auto found = conflict(What::Refused, path, node);
+                found.reason = "its new parent is deleted";
+                return found;
+            }
+            if (!isCommon(node) || !hasMoved(node) || isMovedAlike(node)) return std::nullopt;
             return conflict(What::Moved, path, node);
         }
         FieldPart part;
@@ -272,11 +284,29 @@ private:
         if (specpath::last(before).name != specpath::last(now).name) return true;
         return idAt(common_, specpath::parent(before)) != idAt(into_, specpath::parent(now));
     }
-    /// Returns the spec above that the other line has deleted with everything below it.
+    /// Returns whether both lines have given the spec the same name and parent.
+    [[nodiscard]] bool isMovedAlike(NodeId node) const {
+        const std::string &from = fromPaths_.at(node), &into = intoPaths_.at(node);
+        return specpath::last(from).name == specpath::last(into).name &&
+               idAt(from_, specpath::parent(from)) == idAt(into_, specpath::parent(into));
+    }
+    /// Returns the nearest common spec above a path of `evolving_` if the other line has deleted
+    /// it; else 0.
+    [[nodiscard]] NodeId goneAbove(std::string path) const {
+        while (path.size() > 1) {
+            path = specpath::parent(path);
+            const NodeId above = nodeAt(path);
+            if (isCommon(above))
+                return intoPaths_.contains(above) || !fromPaths_.contains(above) ? 0 : above;
+        }
+        return 0;
+    }
+    /// Returns the deleted spec that has to come back so that this one does: itself, or one that it
+    /// is in, in the merged line.
     [[nodiscard]] NodeId topmostGone(NodeId node) const {
         for (;;) {
-            const NodeId above = idAt(common_, specpath::parent(paths_.at(node)));
-            if (intoPaths_.contains(above) || !fromPaths_.contains(above)) return node;
+            const NodeId above = idAt(from_, specpath::parent(fromPaths_.at(node)));
+            if (!isCommon(above) || intoPaths_.contains(above)) return node;
             node = above;
         }
     }

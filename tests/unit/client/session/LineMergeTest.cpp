@@ -253,6 +253,48 @@ TEST(LineMerge, ASpecThatOneLineHasDeleted) {
     EXPECT_EQ(numberIn(session.content, "/World/Ball/Dot"), holding(kNew));
 }
 
+TEST(LineMerge, ANewSpecBelowOneThatTheOtherLineHasDeleted) {
+    LineMerge merge({{kLayer, scene()}}, 4);
+    ASSERT_TRUE(merge.addFrom(commitOf(5, {{"/World/Ball/Extra", CreateSpec{}}})));
+    ASSERT_TRUE(merge.addInto(commitOf(5, {{"/World/Ball", DeleteSpec{}}})));
+    const auto main = ended(merge, Side::Into);
+    ASSERT_EQ(main.merged.conflicts.size(), 1u) << "nothing is lost without a decision";
+    EXPECT_EQ(main.merged.conflicts.front().path, "/World/Ball");
+    EXPECT_TRUE(main.merged.edits.empty());
+    EXPECT_EQ(main.merged.dropped, 0u);
+    EXPECT_TRUE(ended(merge, Side::From).content.has("/World/Ball/Extra"));
+}
+
+TEST(LineMerge, ASpecMovedOutOfOneThatTheOtherLineHasDeleted) {
+    LineMerge merge({{kLayer, scene()}}, 4);
+    ASSERT_TRUE(merge.addFrom(commitOf(5, {{"/World/Ball/Dot", named("Dot")}})));
+    ASSERT_TRUE(merge.addInto(commitOf(5, {{"/World/Ball", DeleteSpec{}}})));
+    const auto session = ended(merge, Side::From);
+    EXPECT_TRUE(session.content.has("/World/Dot")) << session.content.dump();
+    EXPECT_FALSE(session.content.has("/World/Ball"));
+    EXPECT_FALSE(ended(merge, Side::Into).content.has("/World/Dot"));
+}
+
+TEST(LineMerge, ASpecMovedIntoOneThatTheOtherLineHasDeleted) {
+    LineMerge merge({{kLayer, scene()}}, 4);
+    ASSERT_TRUE(merge.addFrom(commitOf(5, {{"/World/Gone", MoveSpec{{"/World/Ball", {}}, "Kept"}},
+                                           {"/World/Ball/Kept", setInt("number", kNew)}})));
+    ASSERT_TRUE(merge.addInto(commitOf(5, {{"/World/Ball", DeleteSpec{}}})));
+    const auto main = ended(merge, Side::Into);
+    ASSERT_EQ(main.merged.conflicts.size(), 1u);
+    EXPECT_EQ(main.merged.conflicts.front().what, MergeConflict::What::Refused);
+    EXPECT_EQ(numberIn(main.content, "/World/Gone"), holding(kNew)) << "it stays where it was";
+}
+
+TEST(LineMerge, TheSameRenameIsNoConflict) {
+    LineMerge merge({{kLayer, scene()}}, 4);
+    ASSERT_TRUE(merge.addFrom(commitOf(5, {{"/World/Ball", named("Sun")}})));
+    ASSERT_TRUE(merge.addInto(commitOf(5, {{"/World/Ball", named("Sun")}})));
+    const auto result = ended(merge, Side::Undecided);
+    EXPECT_TRUE(result.merged.conflicts.empty());
+    EXPECT_TRUE(result.content.has("/World/Sun"));
+}
+
 TEST(LineMerge, ASpecThatTheMergedLineHasDeleted) {
     LineMerge merge({{kLayer, scene()}}, 4);
     ASSERT_TRUE(
