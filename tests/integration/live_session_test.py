@@ -11,6 +11,7 @@ import subprocess
 import urllib.error
 import urllib.request
 
+import page_client
 import pytest
 import usdlive
 from conftest import cat, connect, refused, run
@@ -370,3 +371,22 @@ def test_several_projects_have_their_own_sessions(tmp_path, serve):
     assert "dusk" in refused("ls", f"{server.url}/two?session=dusk")
     run("session", "merge", f"{server.url}/one", "dusk")
     assert "int number = 2" in run("cat", f"{server.url}/one/root.usda")
+
+
+def test_the_page_shows_a_session(project, serve, tmp_path):
+    """Also its edits are those of the session."""
+    server = serve(project)
+    run("session", "create", server.url, "dusk")
+    with join(server, "dusk", "bo") as bo:
+        layer = bo.open_layer("root.usda")
+        Sdf.CreatePrimInLayer(layer, "/World/Idea").typeName = "Cube"
+        layer.GetPrimAtPath("/World/Idea").specifier = Sdf.SpecifierDef
+        assert bo.flush(20)
+        gateway = page_client.Gateway(at(server, "dusk"), tmp_path).start()
+        page = page_client.Page(gateway).opened()
+        try:
+            page.wait(lambda one: one.has("/World/Idea"))
+        finally:
+            page.close()
+            assert gateway.stop() == 0
+    assert "Idea" not in cat(server, "root.usda")
