@@ -138,23 +138,25 @@ void LiveSessions::create(const ChangePtr& change) {
     wanted.name = change->wanted.name;
     wanted.creator = change->asking.user;
     wanted.timeMs = auditTime();
-    ProjectPlace mainLine = change->place;
-    mainLine.liveSession.clear();
-    ServedProject* const project = projects_.find(mainLine.name());
+    ServedProject* const project = projects_.find(change->place.project);
     if (!project) return finish(change, fail(ErrorCode::ShuttingDown, "the project was closed"));
-    project->branch(wanted, [this, weak = std::weak_ptr(life_), io = &io_, change,
-                             mainLine](Result<LiveSessionRecord> made) {
-        asio::post(*io, [this, weak, change, mainLine, made = std::move(made)] {
-            if (weak.expired()) return;
-            const ServedProject* const now = projects_.find(mainLine.name());
-            if (!made || !now) return finish(change, made);
-            projects_.openLiveSession(*now, change->wanted.name,
-                                      [this, change, made](const Result<void>& opened) {
-                                          if (opened) return finish(change, made);
-                                          finish(change, tl::unexpected(opened.error()));
-                                      });
+    project->branch(wanted, [this, weak = std::weak_ptr(life_), io = &io_,
+                             change](Result<LiveSessionRecord> made) {
+        asio::post(*io, [this, weak, change, made = std::move(made)] {
+            if (!weak.expired()) open(change, made);
         });
     });
+}
+
+/// Serves a live session that is on the disk.
+void LiveSessions::open(const ChangePtr& change, const Result<LiveSessionRecord>& record) {
+    const ServedProject* const project = projects_.find(change->place.project);
+    if (!record || !project) return finish(change, record);
+    projects_.openLiveSession(*project, change->wanted.name,
+                              [this, change, record](const Result<void>& opened) {
+                                  if (opened) return finish(change, record);
+                                  finish(change, tl::unexpected(opened.error()));
+                              });
 }
 
 void LiveSessions::end(const ChangePtr& change) {
@@ -185,17 +187,7 @@ void LiveSessions::restore(const ChangePtr& change) {
                 return tl::unexpected(written.error());
             return record;
         },
-        [this, change](const Result<LiveSessionRecord>& restored) {
-            ProjectPlace mainLine = change->place;
-            mainLine.liveSession.clear();
-            const ServedProject* const project = projects_.find(mainLine.name());
-            if (!restored || !project) return finish(change, restored);
-            projects_.openLiveSession(*project, change->wanted.name,
-                                      [this, change, restored](const Result<void>& opened) {
-                                          if (opened) return finish(change, restored);
-                                          finish(change, tl::unexpected(opened.error()));
-                                      });
-        });
+        [this, change](const Result<LiveSessionRecord>& restored) { open(change, restored); });
 }
 
 void LiveSessions::remove(const ChangePtr& change) {

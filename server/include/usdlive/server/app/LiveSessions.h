@@ -49,6 +49,7 @@ private:
     using ChangePtr = std::shared_ptr<Change>;
 
     void create(const ChangePtr& change);
+    void open(const ChangePtr& change, const Result<LiveSessionRecord>& record);
     void end(const ChangePtr& change);
     void restore(const ChangePtr& change);
     void remove(const ChangePtr& change);
