@@ -510,9 +510,15 @@ def test_properties_show_each_opinion_and_take_values(studio, gateways, screens,
     tab.keyboard.press("Enter")
     screen.until(lambda: value_of(ada, "/World/Ball.radius") == 2.25, "the value arrived at the editor")
     assert "2.25" in ada.text("anim.usda"), "the value went to the layer of the strongest opinion"
+    screen.until(lambda: screen.run(f"document.querySelector('{radius} input').value") == "2.25", "the page has it, too")
     tab.fill(f"{radius} input", "no number")
     screen.until(f"document.querySelector('{radius} input').getAttribute('aria-invalid') === 'true'")
+    ada.run("layer('anim.usda').GetAttributeAtPath('/World/Ball.radius').default = 3.5")
+    ada.flush()
+    screen.until(lambda: "3.5" in "".join(screen.run(opinions)), "a colleague's value arrived")
+    assert screen.run(f"document.querySelector('{radius} input').value") == "no number", "what is typed stays"
     tab.keyboard.press("Escape")
+    screen.until(lambda: screen.run(f"document.querySelector('{radius} input').value") == "3.5", "Escape shows the value")
     tab.keyboard.press("Tab")
     tab.locator("[data-property='primvars:displayColor'] .property-name").click()
 

@@ -1,7 +1,6 @@
 // Edits one value with the widget that fits its type.
 import { useSignal } from "@preact/signals";
 import type { JSX } from "preact";
-import { useEffect } from "preact/hooks";
 import { hexOfLinear, linearOfHex, numberOf, numbersOf, short, widgetFor } from "../core/format";
 import type { Json, Property } from "../core/protocol";
 import { usePage } from "./context";
@@ -144,7 +143,8 @@ function NumberField(props: {
   );
 }
 
-/** A text that is sent when the person has finished: Enter or another place sends it, Escape leaves it. */
+/** A text that is sent when the person has finished: Enter or another place sends it, Escape leaves it. What is typed
+ * stays when the value changes meanwhile. */
 function Field(props: {
   label: string;
   text: string;
@@ -153,9 +153,6 @@ function Field(props: {
   commit: (text: string) => void;
 }): JSX.Element {
   const draft = useSignal<string | undefined>(undefined);
-  useEffect(() => {
-    draft.value = undefined;
-  }, [props.text]);
   const isBad = draft.value !== undefined && !props.isValid(draft.value);
   const finish = () => {
     const text = draft.value;
