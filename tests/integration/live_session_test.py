@@ -8,13 +8,14 @@ import os
 import pathlib
 import signal
 import subprocess
+import threading
 import urllib.error
 import urllib.request
 
 import page_client
 import pytest
 import usdlive
-from conftest import cat, connect, refused, run
+from conftest import cat, connect, refused, run, wait
 from pxr import Ar, Gf, Sdf, Vt
 
 ROOT = """#usda 1.0
@@ -341,6 +342,43 @@ def test_lv6_conflicts_are_decided_before_anything_is_merged(project, serve):
         text = cat(server, "root.usda")
         assert "int number = 11" in text and "double radius = 7" in text
         assert "double radius = 6" in text, "the deleted prim is back, with the session's change"
+
+
+class Writer:
+    """An editor of a session that writes as fast as it can, until it is told to end."""
+
+    def __init__(self, server):
+        self.confirmed, self._ends = 0, threading.Event()
+        self._thread = threading.Thread(target=self._run, args=(server,))
+        self._thread.start()
+
+    def _run(self, server):
+        with join(server, "dusk", "bo") as bo:
+            layer = bo.open_layer("root.usda")
+            while not self._ends.is_set():
+                layer.GetAttributeAtPath("/World.number").default = self.confirmed + 1
+                if bo.flush(20):
+                    self.confirmed += 1
+
+    def end(self):
+        self._ends.set()
+        self._thread.join()
+
+
+def test_lv6_what_is_written_during_a_merge_is_not_lost(project, serve):
+    server = serve(project)
+    run("session", "create", server.url, "dusk")
+    writer = Writer(server)
+    wait(lambda: writer.confirmed > 3)
+    said = refused(*MERGE, server.url, "dusk", "--take", "session")
+    assert "merge again" in said, said
+    if listed(server)["dusk"]["ended"]:
+        run("session", "restore", server.url, "dusk")
+    before = writer.confirmed
+    wait(lambda: writer.confirmed > before)
+    writer.end()
+    run(*MERGE, server.url, "dusk", "--take", "session")
+    assert f"int number = {writer.confirmed}" in cat(server, "root.usda")
 
 
 def test_lv6_a_session_can_go_on_after_a_merge(project, serve):

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <array>
+#include <chrono>
 #include <iostream>
 #include <nlohmann/json.hpp>
 #include <set>
@@ -200,12 +201,13 @@ private:
     Result<void> readSession() {
         std::vector<Commit> commits;
         std::set<LayerId> layers;
-        auto read = eachCommit(*from_, session_.revision, from_->welcome().revision,
-                               [&](const Commit& commit) -> Result<void> {
-                                   for (const Edit& edit : commit.edits) layers.insert(edit.layer);
-                                   commits.push_back(commit);
-                                   return {};
-                               });
+        read_ = from_->welcome().revision;
+        auto read =
+            eachCommit(*from_, session_.revision, read_, [&](const Commit& commit) -> Result<void> {
+                for (const Edit& edit : commit.edits) layers.insert(edit.layer);
+                commits.push_back(commit);
+                return {};
+            });
         if (!read) return read;
         LayerDocs common;
         for (const LayerId& layer : layers) {
@@ -279,6 +281,11 @@ private:
                             " not decided. Say --take main or --take session for all, --main PATH "
                             "or --session PATH for some");
         if (options_.keep) return {};
+        (void)from_->step();
+        if (const Revision newest = from_->session().revision(); newest > read_)
+            return fail(ErrorCode::InvalidArgument,
+                        "the session was merged as it was at " + inRevision(read_) + ". It is at " +
+                            inRevision(newest) + " by now, and goes on: merge again");
         const auto ended = client::changeLiveSession(
             options_.target.server, options_.name, "end", user_, kSessionTimeout,
             revision > 0 ? revision : into_->session().revision());
@@ -286,7 +293,20 @@ private:
             return fail(ended.error().code,
                         "the changes are merged, and the live session could not be ended: " +
                             ended.error().message);
-        return {};
+        return checkNothingCameLate();
+    }
+
+    /// Somebody may have edited the session until it ended. The server sends every commit before it
+    /// closes the connection.
+    Result<void> checkNothingCameLate() {
+        const auto end = std::chrono::steady_clock::now() + kSessionTimeout;
+        while (from_->step() && std::chrono::steady_clock::now() < end) {
+        }
+        if (from_->session().revision() == read_) return {};
+        return fail(ErrorCode::InvalidArgument,
+                    "the session was merged as it was at " + inRevision(read_) +
+                        ", and somebody edited it until it ended. usdlive session restore opens it "
+                        "again: then merge again");
     }
 
     void print(Revision revision, std::size_t undecided) const {
@@ -301,7 +321,7 @@ private:
                       << conflictText(merged_.conflicts[index]) << "\n";
         if (merged_.dropped > 0)
             std::cout << counted(merged_.dropped, "edit")
-                      << " of specs that the main line has deleted\n";
+                      << " of specs that are not in the main line: they are left out, too\n";
         if (merged_.edits.empty())
             std::cout << name << " has nothing to be merged\n";
         else if (options_.dryRun || undecided > 0)
@@ -335,6 +355,7 @@ private:
 
     const SessionOptions& options_;
     client::ListedLiveSession session_;
+    Revision read_ = 0;  // the newest revision of the session that is merged
     UserName user_;
     std::unique_ptr<Link> from_, into_;  // the merged one, and the main line
     std::optional<client::LineMerge> merge_;

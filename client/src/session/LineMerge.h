@@ -65,7 +65,7 @@ public:
         std::vector<AuthoredEdit> edits;       ///< in an order in which they apply to into()
         std::vector<MergeConflict> conflicts;  ///< all of them, with the decision for each
         std::vector<Side> decisions;
-        /// Changes of specs that the other line has deleted; they are left out.
+        /// The number of further edits that are left out, because the other line lacks their specs.
         std::size_t dropped = 0;
     };
     /// `decide` is called once for each conflict. What is undecided counts as Into. Error:

@@ -58,6 +58,17 @@ Result<LiveSessionRecord> recordOf(const LiveSessionFolder& folder, const std::s
     return fail(ErrorCode::LayerNotFound, "the project has no live session " + name);
 }
 
+/// Writes whether a live session is ended. `merged`: see LiveSessionRecord; 0: as it was.
+Result<LiveSessionRecord> rewritten(const LiveSessionFolder& folder, const std::string& name,
+                                    bool isEnded, Revision merged) {
+    auto record = recordOf(folder, name, !isEnded);
+    if (!record) return record;
+    record->isEnded = isEnded;
+    if (merged > 0) record->merged = merged;
+    if (auto written = folder.write(*record); !written) return tl::unexpected(written.error());
+    return record;
+}
+
 }  // namespace
 
 struct LiveSessions::Change {
@@ -161,14 +172,8 @@ void LiveSessions::open(const ChangePtr& change, const Result<LiveSessionRecord>
 
 void LiveSessions::end(const ChangePtr& change) {
     inBackground(
-        [change]() -> Result<LiveSessionRecord> {
-            auto record = recordOf(change->folder, change->wanted.name, false);
-            if (!record) return record;
-            record->isEnded = true;
-            if (change->wanted.merged > 0) record->merged = change->wanted.merged;
-            if (auto written = change->folder.write(*record); !written)
-                return tl::unexpected(written.error());
-            return record;
+        [change] {
+            return rewritten(change->folder, change->wanted.name, true, change->wanted.merged);
         },
         [this, change](const Result<LiveSessionRecord>& ended) {
             if (!ended) return finish(change, ended);
@@ -179,14 +184,7 @@ void LiveSessions::end(const ChangePtr& change) {
 
 void LiveSessions::restore(const ChangePtr& change) {
     inBackground(
-        [change]() -> Result<LiveSessionRecord> {
-            auto record = recordOf(change->folder, change->wanted.name, true);
-            if (!record) return record;
-            record->isEnded = false;
-            if (auto written = change->folder.write(*record); !written)
-                return tl::unexpected(written.error());
-            return record;
-        },
+        [change] { return rewritten(change->folder, change->wanted.name, false, 0); },
         [this, change](const Result<LiveSessionRecord>& restored) { open(change, restored); });
 }
 
