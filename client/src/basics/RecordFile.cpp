@@ -68,10 +68,11 @@ Result<RecordFile> RecordFile::open(const std::filesystem::path& path, Mode mode
 
 Result<Bytes> RecordFile::read(std::uint64_t at) const {
     Bytes header(kHeaderBytes);
-    const auto torn = [this, at] {
-        return fail(ErrorCode::StorageCorrupt,
-                    path_.string() + ": the record at byte " + std::to_string(at) + " is damaged");
+    const auto record = [this, at](ErrorCode code, const char* state) {
+        return fail(code,
+                    path_.string() + ": the record at byte " + std::to_string(at) + " is " + state);
     };
+    const auto torn = [&record] { return record(ErrorCode::StorageFailed, "not complete"); };
     if (at + kHeaderBytes > size_ || !readFully(file_, header, at)) return torn();
     const std::uint32_t size = ByteReader(header).u32();
     if (size > size_ - at - kHeaderBytes) return torn();
@@ -80,7 +81,7 @@ Result<Bytes> RecordFile::read(std::uint64_t at) const {
     const Hash hash = sha256(ByteView(payload));
     if (!std::equal(hash.bytes.begin(), hash.bytes.begin() + kCheckBytes,
                     header.begin() + sizeof(std::uint32_t)))
-        return torn();
+        return record(ErrorCode::StorageCorrupt, "damaged");
     return payload;
 }
 
@@ -89,6 +90,8 @@ Result<void> RecordFile::readAll(
     std::uint64_t at = 0;
     while (at < size_) {
         const auto payload = read(at);
+        if (!payload && payload.error().code == ErrorCode::StorageCorrupt)
+            return tl::unexpected(payload.error());
         if (!payload) break;
         each(at, *payload);
         at += kHeaderBytes + payload->size();

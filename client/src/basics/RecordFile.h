@@ -28,7 +28,9 @@ public:
     /// cannot be opened), StorageLocked (another process or object has it open).
     [[nodiscard]] static Result<RecordFile> open(const std::filesystem::path& path, Mode mode);
 
-    /// Calls `each` for every complete record, with its position in bytes and its payload.
+    /// Calls `each` for every complete record, with its position in bytes and its payload. Error:
+    /// StorageCorrupt (a complete record is damaged: it and everything behind it is not read, and
+    /// stays).
     Result<void> readAll(const std::function<void(std::uint64_t at, ByteView payload)>& each);
     [[nodiscard]] Result<Bytes> read(std::uint64_t at) const;
 

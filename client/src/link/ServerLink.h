@@ -20,7 +20,10 @@ public:
     /// Passes the received messages to the session, up to a limit.
     void receive(Session& session);
     /// Call it when the server has welcomed the session.
-    void welcomed() { refusal_.reset(); }
+    void welcomed(const Welcome& welcome) {
+        refusal_.reset();
+        if (welcome.store) connection_->prefer(*welcome.store);
+    }
     /// Call it when the server ends the connection, or the session because it cannot read a
     /// message. Returns false if the last connection ended with the same message, which was then
     /// reported already.

@@ -29,6 +29,7 @@ constexpr auto kRetry = milliseconds(1'000);
 constexpr std::uint64_t kCompactBytes = 16 * 1024 * 1024;
 constexpr const char* kExtension = ".journal";
 constexpr const char* kBlobExtension = ".blobs";
+constexpr const char* kDamagedExtension = ".damaged";
 // The first byte of a record. Earlier versions wrote transactions without the store's identity.
 constexpr std::uint8_t kWorkWithoutStore = 1, kAnswered = 2, kWork = 3, kSecret = 4;
 
@@ -98,6 +99,9 @@ std::string fileName(const std::string& text) {
 
 fs::path journalPath(const fs::path& folder, const ClientId& client) {
     return folder / (client.value + kExtension);
+}
+fs::path damagedPath(const fs::path& journal) {
+    return fs::path(journal).replace_extension(kDamagedExtension);
 }
 fs::path blobFolderOf(const fs::path& journal) {
     return fs::path(journal).replace_extension(kBlobExtension);
@@ -456,7 +460,14 @@ Result<LeftJournal> LeftJournal::open(const fs::path& folder, const ClientId& cl
             damage = work.error();
         }
     });
-    if (!read) return tl::unexpected(read.error());
+    if (!read && read.error().code != ErrorCode::StorageCorrupt)
+        return tl::unexpected(read.error());
+    if (!read)
+        journal.damage_ = {read.error().code,
+                           read.error().message +
+                               ". The unsent edits from there on cannot be sent. The file is kept "
+                               "as " +
+                               damagedPath(path).string()};
     if (damage)
         return fail(ErrorCode::StorageCorrupt,
                     path.string() + " cannot be read: " + damage->message);
@@ -476,6 +487,7 @@ std::vector<UnsentWork> LeftJournal::list(const fs::path& folder, const StoreId&
                 damaged.push_back(journal.error());
             continue;
         }
+        if (journal->damage_) damaged.push_back(*journal->damage_);
         if (journal->works().empty()) {
             journal->remove();
             continue;
@@ -520,6 +532,7 @@ Result<void> LeftJournal::answered(const std::vector<std::uint64_t>& sequences,
 
 void LeftJournal::remove() {
     const fs::path blobs = blobFolder();
+    if (damage_ && file_.moveTo(damagedPath(file_.path()))) return;
     file_.remove();
     std::error_code ignored;
     fs::remove_all(blobs, ignored);

@@ -116,7 +116,8 @@ public:
     [[nodiscard]] static Result<LeftJournal> open(const std::filesystem::path& folder,
                                                   const ClientId& client);
     /// Returns the journals with transactions that no process uses, the oldest first, as seen from
-    /// the project with this store. `damaged` receives the reasons why others cannot be read.
+    /// the project with this store. `damaged` receives the reasons why others cannot be read, or
+    /// not to their end.
     [[nodiscard]] static std::vector<UnsentWork> list(const std::filesystem::path& folder,
                                                       const StoreId& store,
                                                       std::vector<Error>& damaged);
@@ -132,11 +133,13 @@ public:
     /// on the disk.
     Result<void> answered(const std::vector<std::uint64_t>& sequences,
                           std::optional<JournaledWork> renumbered = std::nullopt);
+    /// A file that is damaged is renamed instead.
     void remove();
 
 private:
     ClientId client_;
     std::optional<Hash> secret_;
+    std::optional<Error> damage_;  // the journal is not read to its end
     RecordFile file_;
     std::map<std::uint64_t, JournaledWork> works_;
 };

@@ -352,17 +352,7 @@ std::optional<client::UnsentWork> Client::Impl::leave(double timeoutMs) {
     lost_.reportAll();
     events_.dispatch();
     if (sent) return std::nullopt;
-    return unsent();
-}
-
-// Returns the pending transactions after they were written to the disk.
-std::optional<client::UnsentWork> Client::Impl::unsent() {
-    if (auto kept = unsent_->keep()) return kept;
-    if (session_.pendingTransactions() == 0) return std::nullopt;
-    client::UnsentWork work;
-    work.client = session_.id();
-    work.transactions = session_.pendingTransactions();
-    return work;
+    return unsent_.keep(session_);
 }
 
 }  // namespace usdlive

@@ -20,7 +20,6 @@
 #include "usdlive/common/layer/SpecPath.h"
 #include "usdlive/common/protocol/CheckedControl.h"
 #include "usdlive/common/protocol/Role.h"
-#include "work/Journal.h"
 
 namespace usdlive {
 
@@ -83,9 +82,7 @@ Result<std::unique_ptr<Client>> ClientInternals::connectBy(Connector connector,
                                                            Client::Options options) {
     auto connection = connector();
     if (!connection) return tl::unexpected(connection.error());
-    if (options.stateFolder.empty() && !options.cacheFolder.empty())
-        options.stateFolder = options.cacheFolder / ".usdlive-unsent";
-    if (options.stateFolder.empty()) options.stateFolder = stateFolder();
+    options.stateFolder = folderOfState(options.stateFolder, options.cacheFolder);
     return make(std::move(*connection), std::move(connector), std::move(options));
 }
 
@@ -109,7 +106,7 @@ Result<std::unique_ptr<Client>> ClientInternals::make(std::unique_ptr<Connection
                                                  newClientSecret(), std::move(*folders));
     if (auto greeted = made->impl_->greet(); !greeted) return tl::unexpected(greeted.error());
     if (made->impl_->options().addresses) made->impl_->useAddresses();
-    made->impl_->startJournal(std::move(connector));
+    made->impl_->unsent().start(std::move(connector), *made->impl_->session().welcome());
     return made;
 } catch (const ThreadRefused& refused) {
     return fail(ErrorCode::NotConnected, std::string("cannot connect: ") + refused.what());
@@ -336,11 +333,11 @@ Result<void> Client::joinOtherHistory() {
     return impl_->session().joinOtherHistory();
 }
 
-std::vector<client::UnsentWork> Client::unsentWork() { return here("unsentWork").unsentWork(); }
+std::vector<client::UnsentWork> Client::unsentWork() { return here("unsentWork").unsent().left(); }
 
 Result<client::SentWork> Client::sendUnsent(const ClientId& work, double timeoutMs) {
     if (auto error = misuse("sendUnsent", true)) return tl::unexpected(*error);
-    return impl_->sendUnsent(work, timeoutMs);
+    return impl_->unsent().send(work, timeoutMs, impl_->lost());
 }
 
 Result<pxr::SdfLayerRefPtr> Client::unsentAsLayer(const ClientId& work, const LayerId& layer) {
@@ -350,7 +347,7 @@ Result<pxr::SdfLayerRefPtr> Client::unsentAsLayer(const ClientId& work, const La
 
 Result<void> Client::discardUnsent(const ClientId& work) {
     if (auto error = misuse("discardUnsent", false)) return tl::unexpected(*error);
-    return impl_->discardUnsent(work);
+    return impl_->unsent().discard(work);
 }
 
 std::optional<client::UnsentWork> Client::leave(double timeoutMs) {

@@ -67,6 +67,7 @@ Client::Impl::Impl(std::unique_ptr<client::Connection> connection, Options optio
       values_(cache_.folder() / ".usdlive-blobs", options_.cacheBytes),
       frame_(values_.cache(), encoder_, lost_),
       line_(std::move(connection)),
+      unsent_(options_.stateFolder, sessionOptions(options_, secret_), values_.cache(), events_),
       session_(sessionOptions(options_, secret_), *this, *this),
       layers_({session_, places_, files_, events_, lost_, values_, frame_.sink(), filler_,
                *background_, UserName{options_.user}}),
@@ -179,11 +180,9 @@ void Client::Impl::work(double budgetMs, TickResult& result, Seal seal) {
     followFiles();
     followUploads();
     lost_.reportDue(steadyMs());
-    if (unsent_)
-        if (auto error = unsent_->takeError()) events_.report(std::move(*error));
+    unsent_.reportErrors();
     if (auto error = places_.takeError()) events_.report(std::move(*error));
-    values_.release(session_, lost_.blobs(),
-                    [&] { return unsent_ ? unsent_->neededBlobs() : std::set<Hash>(); });
+    values_.release(session_, lost_.blobs(), [&] { return unsent_.neededBlobs(); });
 }
 
 // A notice handler may leave a layer at the end of a block.
@@ -343,9 +342,9 @@ bool Client::Impl::note(client::Event& one) {
         },
         one);
     if (const auto* connected = std::get_if<event::Connected>(&one)) {
-        line_.welcomed();
+        line_.welcomed(connected->welcome);
         if (connected->leftHistory) closePasts();  // they show the one that was left
-        followProject(connected->welcome.store.value_or(store_));
+        unsent_.welcomed(connected->welcome);
         layers_.followLocks();
     } else if (const auto* states = std::get_if<event::LayerStatesChanged>(&one)) {
         for (const LayerState& state : states->layers) layers_.followLock(state.layer);
@@ -398,46 +397,9 @@ Result<pxr::SdfLayerRefPtr> Client::Impl::lostWorkAsLayer(std::uint64_t index, c
     return client::lostWorkLayer(*work, id, session_.confirmed(id), values_.cache());
 }
 
-void Client::Impl::startJournal(client::ClientInternals::Connector connector) {
-    connector_ = std::move(connector);
-    openJournal();
-}
-
-// After another project was joined (ID4), its unsent edits do not belong to those of the first one.
-void Client::Impl::followProject(const StoreId& store) {
-    line_.connection().prefer(store);
-    if (isOtherStore(std::exchange(store_, store), store) && unsent_) openJournal();
-}
-
-void Client::Impl::openJournal() {
-    const auto& state = options_.stateFolder;
-    unsent_.reset();  // one journal of a client is open at a time
-    unsent_ = std::make_unique<client::UnsentWorkStore>(
-        state.empty()
-            ? fs::path()
-            : client::journalFolder(state, session_.welcome()->project, UserName{options_.user}),
-        store_, connector_, sessionOptions(options_, secret_), values_.cache());
-    if (auto found = unsentWork(); !found.empty())
-        events_.push(event::UnsentFound{std::move(found)});
-}
-
-std::vector<client::UnsentWork> Client::Impl::unsentWork() {
-    std::vector<Error> damaged;
-    auto found = unsent_->left(damaged);
-    for (Error& error : damaged) events_.report(std::move(error));
-    return found;
-}
-
-Result<client::SentWork> Client::Impl::sendUnsent(const ClientId& work, double timeoutMs) {
-    std::vector<client::LostWork> lost;
-    auto sent = unsent_->send(work, timeoutMs, lost);
-    for (auto& one : lost) lost_.add(std::move(one));
-    return sent;
-}
-
 Result<pxr::SdfLayerRefPtr> Client::Impl::unsentAsLayer(const ClientId& work,
                                                         const LayerId& layer) {
-    const auto left = unsent_->edits(work);
+    const auto left = unsent_.edits(work);
     if (!left) return tl::unexpected(left.error());
     return client::lostWorkLayer(left->work, layer, session_.confirmed(layer), *left->blobs);
 }
@@ -452,13 +414,9 @@ bool Client::Impl::needsBlob(const Hash& hash) {
                                [&](const auto& one) { return one.second->waitsFor(hash); });
 }
 
-void Client::Impl::pending(const client::PendingWork& work) {
-    if (unsent_) unsent_->pending(work);
-}
+void Client::Impl::pending(const client::PendingWork& work) { unsent_.pending(work); }
 
-void Client::Impl::answered(std::uint64_t sequence) {
-    if (unsent_) unsent_->answered(sequence);
-}
+void Client::Impl::answered(std::uint64_t sequence) { unsent_.answered(sequence); }
 
 void Client::Impl::discard(std::shared_ptr<void> garbage) {
     filler_.post([garbage = std::move(garbage)]() mutable { garbage.reset(); });

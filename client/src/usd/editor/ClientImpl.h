@@ -31,7 +31,7 @@
 #include "usdlive/client/usd/Client.h"
 #include "values/FileUploads.h"
 #include "work/LostWorkReports.h"
-#include "work/UnsentWorkStore.h"
+#include "work/UnsentWorkReports.h"
 
 namespace usdlive {
 
@@ -111,13 +111,8 @@ public:
     // Lost and unsent edits.
     [[nodiscard]] Result<pxr::SdfLayerRefPtr> lostWorkAsLayer(std::uint64_t index,
                                                               const LayerId& id);
-    /// Keeps unsent edits from now on in the folder of the present project.
-    void startJournal(client::ClientInternals::Connector connector);
-    [[nodiscard]] std::vector<client::UnsentWork> unsentWork();
-    Result<client::SentWork> sendUnsent(const ClientId& work, double timeoutMs);
     [[nodiscard]] Result<pxr::SdfLayerRefPtr> unsentAsLayer(const ClientId& work,
                                                             const LayerId& layer);
-    Result<void> discardUnsent(const ClientId& work) { return unsent_->discard(work); }
     [[nodiscard]] std::size_t pendingTransactions() const {
         return session_.pendingTransactions() + (frame_.holdsBack() ? 1 : 0);
     }
@@ -127,7 +122,8 @@ public:
     [[nodiscard]] const client::CallerThread& thread() const { return thread_; }
     [[nodiscard]] client::Session& session() { return session_; }
     [[nodiscard]] client::EditorEvents& events() { return events_; }
-    [[nodiscard]] const client::LostWorkReports& lost() const { return lost_; }
+    [[nodiscard]] client::LostWorkReports& lost() { return lost_; }
+    [[nodiscard]] client::UnsentWorkReports& unsent() { return unsent_; }
     [[nodiscard]] client::OpenLayers& layers() { return layers_; }
     [[nodiscard]] client::OpenRequests& opens() { return opens_; }
     [[nodiscard]] client::FileUploads& uploads() { return uploads_; }
@@ -179,8 +175,6 @@ private:
     bool note(client::Event& one);
     bool noteError(const ErrorMessage& message);
     void reportJoined();
-    void followProject(const StoreId& store);
-    void openJournal();
     void followFiles();
     void followUploads();
 
@@ -192,7 +186,6 @@ private:
     Result<void> advanceUntilThere(const std::shared_ptr<client::OpenPast>& past);
     [[nodiscard]] Error notThere() const;
     [[nodiscard]] Error notConfirmed(double timeoutMs) const;
-    [[nodiscard]] std::optional<client::UnsentWork> unsent();
 
     const Options options_;
     const Hash secret_;                      // proves the id of the client (ID5)
@@ -209,9 +202,7 @@ private:
     client::Worker encoder_;  // encodes the editor's big arrays
     client::EditorFrame frame_;
     client::ServerLink line_;
-    std::unique_ptr<client::UnsentWorkStore> unsent_;  // set when the project is known
-    StoreId store_;                                    // the project of unsent_
-    client::ClientInternals::Connector connector_;
+    client::UnsentWorkReports unsent_;
     client::Session session_;
     client::PlainFiles files_;
     client::OpenLayers layers_;

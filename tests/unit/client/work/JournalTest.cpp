@@ -147,6 +147,28 @@ TEST_F(JournalTest, ATornRecordEndsTheJournal) {
     EXPECT_EQ(before, 0u);
 }
 
+// A disk may change what it keeps: what cannot be read is reported, and not removed.
+TEST_F(JournalTest, ADamagedRecordIsReportedAndItsFileIsKept) {
+    {
+        Journal journal(folder, kClient, kSecret, blobs);
+        write(journal, 1, 3);
+    }
+    const fs::path file = folder / (kClient.value + ".journal");
+    std::fstream stream(file, std::ios::in | std::ios::out | std::ios::binary);
+    stream.seekp(-1, std::ios::end);
+    stream.put('x');
+    stream.close();
+    std::vector<Error> damaged;
+    const auto found = LeftJournal::list(folder, kStore, damaged);
+    ASSERT_EQ(found.size(), 1u);
+    EXPECT_EQ(found[0].transactions, 1u);
+    ASSERT_EQ(damaged.size(), 1u);
+    EXPECT_EQ(damaged[0].code, ErrorCode::StorageCorrupt);
+    LeftJournal::open(folder, kClient)->remove();
+    EXPECT_TRUE(left().empty());
+    EXPECT_TRUE(fs::exists(folder / (kClient.value + ".damaged")));
+}
+
 // B7: a drag replaces its work again and again; only the values that the work still names are kept.
 TEST_F(JournalTest, B7KeepsTheBigValuesThatItsWorkNames) {
     const auto dragged = [&](int number) {
