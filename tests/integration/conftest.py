@@ -127,10 +127,10 @@ class Server:
 class Peer:
     """An editor in its own Python process, with `live`, `stage` and pxr's modules defined."""
 
-    def __init__(self, url: str, user: str, layer: str, log: pathlib.Path, prefix=()):
+    def __init__(self, url: str, user: str, layer: str, log: pathlib.Path, prefix=(), backend=()):
         self.log = log
         self.process = subprocess.Popen(
-            [*prefix, sys.executable, str(HERE / "peer.py"), url, user, layer], text=True,
+            [*prefix, sys.executable, str(HERE / "peer.py"), url, user, layer, *backend], text=True,
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log.open("ab"))
         self._answer()
 
@@ -256,11 +256,12 @@ def serve(tmp_path):
 
 @pytest.fixture
 def editor(tmp_path):
-    """editor(server, user, layer) starts an editor that is closed after the test."""
+    """editor(server, user, layer) starts an editor that is closed after the test; with a fourth argument, with this
+    backend."""
     peers: list[Peer] = []
 
-    def start(server: Server, user: str, layer: str) -> Peer:
-        peers.append(Peer(server.url, user, layer, tmp_path / f"{user}{len(peers)}.log"))
+    def start(server: Server, user: str, layer: str, *backend: str) -> Peer:
+        peers.append(Peer(server.url, user, layer, tmp_path / f"{user}{len(peers)}.log", backend=backend))
         return peers[-1]
 
     yield start
@@ -338,8 +339,8 @@ def synced(server: Server, *editors: Peer, layers: tuple[str, ...] = ("root.usda
     return texts
 
 
-def connect(server: Server, user: str) -> usdlive.Live:
-    return usdlive.connect(server.url, user=user, application="test")
+def connect(server: Server, user: str, backend: str | None = None) -> usdlive.Live:
+    return usdlive.connect(server.url, user=user, application="test", backend=backend)
 
 
 def refused_in_a_notice(call, live: usdlive.Live, server: Server) -> usdlive.Error:

@@ -1,4 +1,4 @@
-"""An editor that is driven by its stdin: `peer.py URL USER LAYER`. Each line is a JSON string of Python
+"""An editor that is driven by its stdin: `peer.py URL USER LAYER [BACKEND]`. Each line is a JSON string of Python
 statements; the answer is a JSON line with the value of `result`, or with the error."""
 
 import json
@@ -8,7 +8,7 @@ import traceback
 import usdlive
 from pxr import Gf, Sdf, Ts, Usd, UsdGeom, UsdShade, Vt  # used by the statements
 
-live = usdlive.connect(sys.argv[1], user=sys.argv[2])
+live = usdlive.connect(sys.argv[1], user=sys.argv[2], backend=(sys.argv[4:] or [None])[0])
 stage = live.open_stage(sys.argv[3])
 happened = []
 live.add_handler(happened.append)

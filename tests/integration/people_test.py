@@ -294,3 +294,30 @@ def test_somebody_with_two_windows_is_followed_until_both_are_closed(project, se
         three.close()
         wait(lambda: seen[-1] is None, bob, timeout=4)
         assert seen.count(None) == 1
+
+
+def test_both_backends_show_and_see_presence(project, serve):
+    (project / "shot.usda").write_text(ROOT)
+    server = serve(project)
+    with connect(server, "ada", "portable") as ada, connect(server, "bob") as bob:
+        seen: dict[str, list] = {"ada": [], "bob": []}
+        happened = []
+        ada.add_handler(happened.append)
+        ends = [bob.follow("ada", seen["ada"].append), ada.follow("bob", seen["bob"].append)]
+        for live in (ada, bob):
+            live.show_presence([Sdf.Path("/World")], Gf.Matrix4d(2), 1.5, "shot.usda", '{"tool": "move"}')
+        wait(lambda: all(found and found[-1].selection for found in seen.values()), ada, bob)
+        for user, (live, other) in {"ada": (ada, bob), "bob": (bob, ada)}.items():
+            [presence] = [one for one in other.presences() if one.user == user]
+            assert presence == seen[user][-1] and presence.client == live.id
+            assert (presence.selection, presence.camera[:2], presence.time, presence.edit_target, presence.data) == (
+                ("/World",), (2, 0), 1.5, "shot.usda", '{"tool": "move"}')
+        ada.show_presence(["/World", "/Other"])
+        wait(lambda: seen["ada"][-1].selection == ("/World", "/Other"), ada, bob)
+        with pytest.raises(usdlive.Error):
+            ada.show_presence(camera=[1, 2])
+        bob.close()
+        wait(lambda: seen["bob"][-1] is None, ada)
+        assert any(isinstance(event, events.PresenceChanged) and event.gone for event in happened)
+        for end in ends:
+            end()

@@ -27,7 +27,7 @@ def check():
 
     afresh = Sdf.Layer.CreateAnonymous(".usda")
     writer = _content.Writer(afresh, _content.Memory())
-    for path, kind, fields in live._session.content(root):
+    for path, kind, fields in live._client.content(root):
         if path != "/":
             writer.create(path, kind)
         for field, data in fields.items():

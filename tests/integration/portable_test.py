@@ -2,121 +2,15 @@
 project. What a version cannot express comes back from it unchanged."""
 
 import os
-import pathlib
 import re
-import subprocess
-import sys
 
 import pytest
-from conftest import HERE, Peer, cat
-from pxr import Sdf
+from conftest import HERE, cat
+from portable_editors import BUILT_FOR, NEWEST, OLDEST, ROOT, all_synced, plain, portable, served  # noqa: F401
+from undo_test import FIND, STEPS
+from undo_test import OVER as UNDO_OVER
+from undo_test import ROOT as UNDO_ROOT
 
-ENVIRONMENTS = pathlib.Path(os.environ["USDLIVE_PRODUCT_ENV"]).parent
-OLDEST, NEWEST, BUILT_FOR = "24.11", "26.11", "26.8"
-
-ROOT = """#usda 1.0
-(
-    customLayerData = {
-        float a = 1.5
-        dictionary nested = {
-            token t = "x"
-            uchar u = 3
-        }
-        int64 big = 5000000000
-        string "odd key" = 'it is "odd"'
-    }
-    defaultPrim = "World"
-    subLayers = [
-        @./sub.usda@ (offset = 2; scale = 0.5)
-    ]
-    timeCodesPerSecond = 25
-    upAxis = "Z"
-)
-
-def Xform "World" (
-    assetInfo = {
-        asset identifier = @./a.usda@
-    }
-    customData = {
-        bool b = 1
-        float[] floats = [1, 2]
-        half h = 0.5
-        double3 v = (1, 2, 3)
-    }
-    doc = "Two\\nlines"
-    kind = "assembly"
-    variants = {
-        string look = "red"
-    }
-    prepend variantSets = "look"
-)
-{
-    rel targets = [
-        </World/Ball>,
-        </World/Box>,
-    ]
-    prepend rel more = </World/Ball>
-
-    def Sphere "Ball" (
-        delete references = </Other>
-        prepend references = </Class> (
-            customData = {
-                float weight = 0.25
-            }
-            offset = 3
-        )
-    )
-    {
-        double radius = 2
-        double radius.timeSamples = {
-            1: 1.5,
-            2: None,
-            3.5: 4,
-        }
-        color3f[] primvars:displayColor = [(1, 0, 0.25)] (
-            interpolation = "constant"
-        )
-        uniform token[] xformOpOrder = ["xformOp:translate"]
-        double3 xformOp:translate = (1, 2, 3)
-        float noise.connect = </World/Box.size>
-    }
-
-    def Cube "Box"
-    {
-        float size = None
-    }
-    variantSet "look" = {
-        "blue" {
-            over "Box"
-            {
-                bool blue = 1
-            }
-
-        }
-        "red" (
-            doc = "It is red"
-        ) {
-            string text = "red"
-
-            def Scope "In"
-            {
-            }
-        }
-    }
-}
-
-class "Class"
-{
-    int number = -1
-}
-"""
-SUB = """#usda 1.0
-
-over "World"
-{
-    custom string fromBelow = "sub"
-}
-"""
 # Content that no portable backend shows yet. It has to keep it.
 SPLINE = """
 def "Curves"
@@ -127,75 +21,6 @@ def "Curves"
     }
 }
 """
-
-
-class Editor(Peer):
-    """An editor whose OpenUSD is that of an environment."""
-
-    def __init__(self, python: str, backend: str, url: str, user: str, log: pathlib.Path):
-        self.log = log
-        environment = {**os.environ, "PYTHONPATH": str(pathlib.Path(os.environ["USDLIVE_BUILD"]) / "python")}
-        self.process = subprocess.Popen([python, str(HERE / "portable_peer.py"), backend, url, user, "root.usda"], text=True,
-                                        env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log.open("ab"))
-        self._answer()
-
-
-def python_of(version: str) -> str:
-    if version == BUILT_FOR:
-        return sys.executable
-    python = ENVIRONMENTS / f"pxr-{version}" / "bin" / "python"
-    if not python.exists():
-        pytest.skip(f"there is no environment with usd-core=={version}: ./run setup makes it")
-    return str(python)
-
-
-@pytest.fixture
-def served(project, serve):
-    """served(text) serves a project with this root layer."""
-
-    def start(text: str = ROOT):
-        (project / "root.usda").write_text(text)
-        (project / "sub.usda").write_text(SUB)
-        return serve(project)
-
-    return start
-
-
-@pytest.fixture
-def portable(tmp_path):
-    """portable(server, version, user) starts an editor that is closed after the test."""
-    editors: list[Editor] = []
-
-    def start(server, version: str, user: str, backend: str = "any") -> Editor:
-        editors.append(Editor(python_of(version), backend, server.url, user, tmp_path / f"{user}.log"))
-        return editors[-1]
-
-    yield start
-    for one in editors:
-        one.process.kill()
-        one.process.wait()
-
-
-def plain(text: str) -> str:
-    """The text as the pxr of this process writes it."""
-    layer = Sdf.Layer.CreateAnonymous(".usda")
-    assert layer.ImportFromString(text)
-    return layer.ExportToString()
-
-
-def all_synced(server, *editors: Editor, may_lose: bool = False) -> str:
-    """Waits until all have all commits; checks that they show the same, and returns the text."""
-    revision = max(one.flush() for one in editors)
-    for one in editors:
-        one.catch_up(revision)
-        assert one.flush() == revision, "an editor has made edits of what it received"
-        lost = one.run("result = [str(event) for event in happened if type(event).__name__ == 'Lost']")
-        assert may_lose or lost == []
-    texts = [one.text("root.usda") for one in editors]
-    for text in texts[1:]:
-        assert text == texts[0]
-    assert plain(cat(server, "root.usda")) == texts[0]
-    return texts[0]
 
 
 @pytest.mark.parametrize("version", [OLDEST, BUILT_FOR, NEWEST])
@@ -428,8 +253,8 @@ def test_save_and_the_rest_of_the_plain_api(served, portable, project):
     assert 'doc = "saved"' in (project / "root.usda").read_text()
     old.run("made = live.create_layer('made.usda'); Sdf.PrimSpec(made, 'Made', Sdf.SpecifierDef); assert live.flush()")
     assert 'def "Made"' in cat(server, "made.usda")
-    assert "portable backend" in old.run("try:\n    live.undo()\nexcept usdlive.Error as error:\n    result = str(error)")
-    assert old.run("result = hasattr(live, 'undo')") is False
+    assert "portable backend" in old.run("try:\n    live.player('root.usda')\nexcept usdlive.Error as error:\n    result = str(error)")
+    assert old.run("result = hasattr(live, 'player')") is False
     old.run("live.close()\nresult = (live.closed, live.connected)")
     assert old.run("result = layer().permissionToEdit") is False
 
@@ -442,6 +267,49 @@ def test_the_backend_can_be_chosen(served, portable):
     ).startswith("usdlive needs usd-core==26.8 for Python 3.11; found OpenUSD 24.11 in ")
     assert portable(server, OLDEST, "other").run(
         "try:\n    usdlive.Live\nexcept AttributeError as error:\n    result = str(error)").startswith("usdlive has no 'Live'")
+
+
+@pytest.mark.parametrize("version", [OLDEST, NEWEST])
+def test_a_gesture_is_shown_at_once_and_committed_as_one(served, portable, version):
+    server = served()
+    old, fast = portable(server, version, "ada"), portable(server, BUILT_FOR, "bo")
+    before = old.flush()
+    for one in (old, fast):
+        one.run("radius = stage.GetPrimAtPath('/World/Ball').GetAttribute('radius')")
+    old.run("live.begin_gesture()\nfor value in (5, 6, 7): radius.Set(value); live.tick()")
+    fast.run("assert live.wait(lambda: radius.Get() == 7, 20)")
+    assert old.run("result = live.revision") == before
+    old.run("live.end_gesture()")
+    assert old.flush() == before + 1
+    all_synced(server, old, fast)
+    fast.run("live.begin_gesture(); radius.Set(8); live.wait(lambda: False, 0.2)")
+    old.run("assert live.wait(lambda: radius.Get() == 8, 20); live.tick(); assert live.pending == 0")
+    fast.run("live.end_gesture()")
+    all_synced(server, old, fast)
+    assert old.run("result = [one.author for one in live.undo().kept]") == ["bo"]
+    assert old.run("with live.undo_group('Two'):\n    radius.Set(9); live.tick(); radius.Set(10)\n"
+                   "result = list(live.undo_stack().undo)") == ["Two"]
+    assert old.run("assert live.undo(); result = radius.Get()") == 8
+    all_synced(server, old, fast)
+
+
+# The steps of undo_test.py that need no other part of the product.
+UNDONE = [step for step in STEPS if "usdlive.NamespaceEditor" not in STEPS[step]]
+
+
+@pytest.mark.parametrize("version", [OLDEST, NEWEST])
+def test_each_step_is_undone_and_redone_exactly(project, serve, portable, version):
+    (project / "root.usda").write_text(UNDO_ROOT)
+    (project / "over.usda").write_text(UNDO_OVER)
+    server = serve(project)
+    one, fast = portable(server, version, "ada"), portable(server, BUILT_FOR, "bo")
+    one.run("texts = lambda: [layer(name).ExportToString() for name in ('root.usda', 'over.usda')]\nbefore = texts()")
+    for step in UNDONE:
+        one.run(f"{FIND}{STEPS[step]}\nlive.tick(); after = texts(); assert after != before")
+        one.run("assert live.undo_stack().undo == ('Edit',); undone = live.undo(); assert undone and not undone.kept, undone.kept\n"
+                "assert texts() == before, texts(); check()")
+        one.run("assert live.redo() and texts() == after, texts(); check(); assert live.undo() and texts() == before, texts()")
+    assert all_synced(server, one, fast) == plain(UNDO_ROOT)
 
 
 @pytest.mark.parametrize("seed", range(int(os.environ.get("USDLIVE_PORTABLE_SEEDS", "3"))))

@@ -14,6 +14,7 @@
 #include "usdlive/common/layer/MatchedSpecs.h"
 #include "usdlive/common/net/Invitation.h"
 #include "usdlive/common/protocol/CheckedControl.h"
+#include "work/SparseLayer.h"
 
 namespace usdlive::client {
 
@@ -26,10 +27,10 @@ constexpr const char* kSharedCachePrefix = "usdlive-cache-";
 constexpr double kGreetingBudgetMs = 50;
 constexpr double kUnreachableMs = 1000;
 
-Session::Options optionsFor(const SharedLayers::Settings& settings) {
+Session::Options optionsFor(const SharedLayers::Settings& settings, const Hash& secret) {
     Session::Options options;
-    options.secret = newClientSecret();
-    options.client = clientIdOf(*options.secret);
+    options.secret = secret;
+    options.client = clientIdOf(secret);
     options.user = UserName{settings.user};
     options.application = settings.application;
     return options;
@@ -37,14 +38,25 @@ Session::Options optionsFor(const SharedLayers::Settings& settings) {
 
 }  // namespace
 
-SharedLayers::SharedLayers(Settings settings, ProcessFolder folder, std::string cache,
-                           std::unique_ptr<Connection> connection)
+SharedLayers::SharedLayers(Settings settings, ProcessFolder folder, fs::path cache,
+                           std::unique_ptr<Connection> connection, const Hash& secret)
     : settings_(std::move(settings)),
       ownFolder_(std::move(folder)),
-      blobs_(fs::path(cache) / ".usdlive-blobs", kSharedCacheMemory, settings_.cacheBytes),
+      folder_(std::move(cache)),
+      blobs_(folder_ / ".usdlive-blobs", kSharedCacheMemory, settings_.cacheBytes),
+      lost_(folder_ / ".usdlive-lost", events_),
+      unsent_(folderOfState({}, settings_.cacheFolder), optionsFor(settings_, secret), blobs_,
+              events_),
       link_(std::make_unique<ServerLink>(std::move(connection))),
-      session_(std::make_unique<Session>(optionsFor(settings_), *this, *this)) {
+      session_(std::make_unique<Session>(optionsFor(settings_, secret), *this, *this)) {
+    events_.setHandler([this](const Event& event) { taken_.push_back(event); });
     static_cast<void>(session_->showPresence({}));
+    if (ownFolder_)
+        // If the system refuses a thread, a later client removes them.
+        removing_ = std::async(std::launch::async | std::launch::deferred,
+                               [parent = folder_.parent_path()] {
+                                   ProcessFolder::removeDead(parent, kSharedCachePrefix);
+                               });
 }
 
 Result<std::unique_ptr<SharedLayers>> SharedLayers::connect(const std::string& url,
@@ -73,7 +85,7 @@ Result<std::unique_ptr<SharedLayers>> SharedLayers::connect(const std::string& u
     auto connection = createConnection(*address);
     if (!connection) return tl::unexpected(connection.error());
     ProcessFolder own;
-    std::string cache = settings.cacheFolder;
+    fs::path cache = settings.cacheFolder;
     if (cache.empty()) {
         const fs::path temporary = fs::temp_directory_path();
         own = ProcessFolder::make(temporary, kSharedCachePrefix);
@@ -81,11 +93,14 @@ Result<std::unique_ptr<SharedLayers>> SharedLayers::connect(const std::string& u
             return fail(ErrorCode::InvalidArgument, "cannot create a folder in " +
                                                         temporary.string() +
                                                         ". Name a cache folder, or set TMPDIR");
-        cache = own.path().string();
+        cache = own.path();
     }
     std::unique_ptr<SharedLayers> made(new SharedLayers(std::move(settings), std::move(own),
-                                                        std::move(cache), std::move(*connection)));
+                                                        std::move(cache), std::move(*connection),
+                                                        newClientSecret()));
     if (auto greeted = made->greet(); !greeted) return tl::unexpected(greeted.error());
+    made->unsent_.start([address = *address] { return createConnection(address); },
+                        *made->session_->welcome());
     return made;
 } catch (const ThreadRefused& refused) {
     return fail(ErrorCode::NotConnected, std::string("cannot connect: ") + refused.what());
@@ -100,10 +115,7 @@ Result<void> SharedLayers::greet() {
             return tl::unexpected(*link_->lastLoss());
         link_->connection().wait(std::chrono::milliseconds(20));
         advance(kGreetingBudgetMs);
-        for (const Event& event : session_->takeEvents())
-            if (const auto* error = std::get_if<event::ServerError>(&event);
-                error && error->message.closing)
-                static_cast<void>(link_->closing(error->message, *session_));
+        static_cast<void>(takeEvents());
     }
     return {};
 }
@@ -111,20 +123,34 @@ Result<void> SharedLayers::greet() {
 bool SharedLayers::advance(double budgetMs) {
     link_->receive(*session_);
     const bool done = session_->advance(budgetMs, steadyMs());
-    if (session_->pendingTransactions() == 0 && captured_.empty() && blobs_.kept() > 0)
-        blobs_.keepOnly(session_->namedBlobs(), std::exchange(committed_, {}));
+    if (session_->pendingTransactions() == 0 && captured_.empty() &&
+        blobs_.kept() > lost_.blobs().size()) {
+        auto needed = session_->namedBlobs();
+        needed.insert(lost_.blobs().begin(), lost_.blobs().end());
+        needed.merge(unsent_.neededBlobs());
+        blobs_.keepOnly(needed, std::exchange(committed_, {}));
+    }
     return !done;
 }
 
 std::vector<Event> SharedLayers::takeEvents() {
-    std::vector<Event> events;
-    for (Event& event : session_->takeEvents()) note(event, events);
-    return events;
+    for (Event& event : session_->takeEvents())
+        if (note(event)) events_.push(std::move(event));
+    lost_.reportDue(steadyMs());
+    unsent_.reportErrors();
+    events_.dispatch();
+    return std::exchange(taken_, {});
 }
 
-void SharedLayers::note(Event& event, std::vector<Event>& events) {
-    if (std::holds_alternative<event::Connected>(event)) {
-        link_->welcomed();
+std::optional<UnsentWork> SharedLayers::leave() {
+    lost_.reportAll();
+    return unsent_.keep(*session_);
+}
+
+bool SharedLayers::note(Event& event) {
+    if (const auto* connected = std::get_if<event::Connected>(&event)) {
+        link_->welcomed(connected->welcome);
+        unsent_.welcomed(connected->welcome);
     } else if (const auto* committed = std::get_if<event::Committed>(&event)) {
         if (committed->commit.id.client == session_->id())
             for (const Edit& edit : committed->commit.edits)
@@ -132,9 +158,12 @@ void SharedLayers::note(Event& event, std::vector<Event>& events) {
                             [&](const Value& blob) { committed_.insert(blob.hash()); });
     } else if (const auto* error = std::get_if<event::ServerError>(&event)) {
         if (error->message.blob) awaited_.erase(*error->message.blob);
-        if (error->message.closing && !link_->closing(error->message, *session_)) return;
+        if (error->message.closing) return link_->closing(error->message, *session_);
+    } else if (auto* lost = std::get_if<event::Lost>(&event)) {
+        lost_.add(std::move(lost->work));
+        return false;
     }
-    events.push_back(std::move(event));
+    return true;
 }
 
 void SharedLayers::open(const LayerId& layer) {
@@ -163,6 +192,17 @@ std::vector<LayerChanges::Refused> SharedLayers::capture(
     // The editor's layer has more than `shown` then.
     if (!changes.refused.empty()) own.isReplaced = true;
     return std::move(changes.refused);
+}
+
+void SharedLayers::lose(const LayerId& layer, const std::string& path, const std::string& field,
+                        Error reason, const std::string& text) {
+    LostWork work;
+    work.reason = std::move(reason);
+    const std::string data = path == "/" ? "customLayerData" : "customData";
+    work.edits.push_back({layer, path,
+                          SetField{data, DictionaryKey{{"lost", field.empty() ? "spec" : field}},
+                                   stringValue(text), ValueType::None}});
+    lost_.add(std::move(work));
 }
 
 void SharedLayers::submit() {
@@ -278,16 +318,54 @@ std::optional<Bytes> SharedLayers::held(const LayerId& layer, const std::string&
     return value ? inlineOrAsk(*value) : std::nullopt;
 }
 
-void SharedLayers::content(
-    const LayerId& layer,
-    const std::function<void(const LayerDoc::SpecView&,
-                             const std::vector<std::pair<std::string, Bytes>>&)>& visit) {
+void SharedLayers::content(const LayerId& layer, const Visit& visit) {
     const auto found = layers_.find(layer);
     if (found == layers_.end() || !found->second.shown) return;
-    found->second.shown->visit([&](const LayerDoc::SpecView& spec) {
+    visitContent(
+        *found->second.shown, [this](const FieldValue& value) { return inlineOrAsk(value); },
+        visit);
+}
+
+// --- lost and unsent edits
+
+Result<void> SharedLayers::lostContent(std::uint64_t index, const LayerId& layer,
+                                       const NameOfType& nameOfType, const Visit& visit) {
+    const auto work = lost_.at(index);
+    if (!work) return tl::unexpected(work.error());
+    visitSparse(*work, layer, nameOfType, blobs_, visit);
+    return {};
+}
+
+Result<void> SharedLayers::unsentContent(const ClientId& work, const LayerId& layer,
+                                         const NameOfType& nameOfType, const Visit& visit) {
+    const auto left = unsent_.edits(work);
+    if (!left) return tl::unexpected(left.error());
+    visitSparse(left->work, layer, nameOfType, *left->blobs, visit);
+    return {};
+}
+
+void SharedLayers::visitSparse(const LostWork& work, const LayerId& layer,
+                               const NameOfType& nameOfType, BlobSource& blobs,
+                               const Visit& visit) {
+    const auto encoded = [&blobs](const FieldValue& value) {
+        std::vector<Hash> missing;
+        return encodedInline(value, blobs, missing);
+    };
+    const LayerDoc doc =
+        sparseLayer(work, layer, session_->confirmed(layer), [&](const Value& value) {
+            const auto bytes = encoded(FieldValue(value));
+            return bytes ? nameOfType(*bytes) : std::string();
+        });
+    visitContent(doc, encoded, visit);
+}
+
+void SharedLayers::visitContent(
+    const LayerDoc& doc, const std::function<std::optional<Bytes>(const FieldValue&)>& encoded,
+    const Visit& visit) {
+    doc.visit([&](const LayerDoc::SpecView& spec) {
         std::vector<std::pair<std::string, Bytes>> fields;
         for (const auto& [name, value] : *spec.fields)
-            if (auto bytes = inlineOrAsk(value)) fields.emplace_back(name, std::move(*bytes));
+            if (auto bytes = encoded(value)) fields.emplace_back(name, std::move(*bytes));
         visit(spec, fields);
     });
 }

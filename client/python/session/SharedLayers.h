@@ -2,6 +2,9 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <future>
 #include <map>
 #include <memory>
 #include <optional>
@@ -13,9 +16,12 @@
 #include "LayerComparison.h"
 #include "basics/CallerThread.h"
 #include "basics/ProcessFolder.h"
+#include "link/EditorEvents.h"
 #include "link/ServerLink.h"
 #include "session/Session.h"
 #include "values/BlobCache.h"
+#include "work/LostWorkReports.h"
+#include "work/UnsentWorkReports.h"
 
 namespace usdlive::client {
 
@@ -44,7 +50,7 @@ public:
     struct Settings {
         std::string user;         ///< empty: the name that is known for the server
         std::string application;  ///< shown to others
-        std::string cacheFolder;  ///< for big values; empty: a temporary folder
+        std::string cacheFolder;  ///< for layers and big values; empty: a temporary folder
         double timeoutMs = 10'000;
         std::uint64_t cacheBytes = std::uint64_t(4) << 30;
         std::string token;  ///< empty: the one that is known for the server
@@ -56,6 +62,7 @@ public:
     [[nodiscard]] const CallerThread& thread() const { return thread_; }
     [[nodiscard]] Session& session() { return *session_; }
     [[nodiscard]] const std::string& user() const { return settings_.user; }
+    [[nodiscard]] const std::filesystem::path& cacheFolder() const { return folder_; }
     /// Blocks until something is received, at most `ms`.
     bool wait(double ms) {
         return link_->connection().wait(std::chrono::milliseconds(std::int64_t(ms)));
@@ -64,6 +71,9 @@ public:
     /// Receives, sends, and executes what was received. Returns true if more is to be done.
     bool advance(double budgetMs);
     [[nodiscard]] std::vector<Event> takeEvents();
+    /// Call it before the object is destroyed. Returns the transactions that were not acknowledged;
+    /// the journal has them. takeEvents() then has all events.
+    [[nodiscard]] std::optional<UnsentWork> leave();
 
     void open(const LayerId& layer);
     void close(const LayerId& layer);
@@ -73,18 +83,21 @@ public:
     [[nodiscard]] std::vector<LayerChanges::Refused> capture(
         const LayerId& layer, const std::vector<SeenSpec>& seen,
         const std::function<bool(std::string_view, std::string_view, const Bytes&)>& keeps);
+    /// Notes a value of the editor's layer that cannot be shared, as lost work with its text in the
+    /// custom data of its spec. If the spec cannot be shared, `field` is empty.
+    void lose(const LayerId& layer, const std::string& path, const std::string& field, Error reason,
+              const std::string& text);
     /// Sends what was captured, as one transaction.
     void submit();
 
     /// Returns what the editor has to change in the layer, in order, and takes it as done. Empty
     /// while the layer is not joined.
     [[nodiscard]] std::vector<LayerChange> takeChanges(const LayerId& layer);
+    using Visit = std::function<void(const LayerDoc::SpecView&,
+                                     const std::vector<std::pair<std::string, Bytes>>&)>;
     /// Calls `visit` for each spec of the layer as the editor has it after takeChanges(): parents
     /// before children, siblings in order, with the fields that are here.
-    void content(
-        const LayerId& layer,
-        const std::function<void(const LayerDoc::SpecView&,
-                                 const std::vector<std::pair<std::string, Bytes>>&)>& visit);
+    void content(const LayerId& layer, const Visit& visit);
     /// Returns whether the editor should have the spec after takeChanges().
     [[nodiscard]] bool has(const LayerId& layer, const std::string& path) const {
         const auto found = layers_.find(layer);
@@ -94,6 +107,18 @@ public:
     [[nodiscard]] std::optional<Bytes> held(const LayerId& layer, const std::string& path,
                                             const std::string& field);
 
+    [[nodiscard]] UnsentWorkReports& unsent() { return unsent_; }
+    Result<SentWork> sendUnsent(const ClientId& work, double timeoutMs) {
+        return unsent_.send(work, timeoutMs, lost_);
+    }
+    /// Names the type of an attribute that has this encoded value, if nobody knows the attribute.
+    using NameOfType = std::function<std::string(const Bytes&)>;
+    /// Visit the content of a sparse layer with edits of one layer, as content() does.
+    [[nodiscard]] Result<void> lostContent(std::uint64_t index, const LayerId& layer,
+                                           const NameOfType& nameOfType, const Visit& visit);
+    [[nodiscard]] Result<void> unsentContent(const ClientId& work, const LayerId& layer,
+                                             const NameOfType& nameOfType, const Visit& visit);
+
     // SessionHost
     void send(SharedBytes frames) override { link_->connection().send(std::move(frames)); }
     std::size_t bulkBytes() override { return link_->connection().bulkBytes(); }
@@ -101,6 +126,8 @@ public:
     bool holdsBlob(const Hash& hash) override { return blobs_.holds(hash); }
     void blobArrived(const Hash& hash, SharedBytes bytes, bool lasting) override;
     bool needsBlob(const Hash& hash) override { return awaited_.contains(hash); }
+    void pending(const PendingWork& work) override { unsent_.pending(work); }
+    void answered(std::uint64_t sequence) override { unsent_.answered(sequence); }
 
     // LayerView
     void reset(const LayerId& layer, const LayerDoc& doc) override;
@@ -115,17 +142,29 @@ private:
         std::set<Hash> late;            ///< big values that arrived for fields that lack them
     };
 
-    SharedLayers(Settings settings, ProcessFolder folder, std::string cache,
-                 std::unique_ptr<Connection> connection);
+    SharedLayers(Settings settings, ProcessFolder folder, std::filesystem::path cache,
+                 std::unique_ptr<Connection> connection, const Hash& secret);
     Result<void> greet();
-    void note(Event& event, std::vector<Event>& events);
+    /// Returns false for events that the editor does not get, or not yet.
+    bool note(Event& event);
+    void visitSparse(const LostWork& work, const LayerId& layer, const NameOfType& nameOfType,
+                     BlobSource& blobs, const Visit& visit);
+    static void visitContent(const LayerDoc& doc,
+                             const std::function<std::optional<Bytes>(const FieldValue&)>& encoded,
+                             const Visit& visit);
     [[nodiscard]] std::optional<Bytes> inlineOrAsk(const FieldValue& value);
     void addLateFields(Layer& layer, std::vector<LayerChange>& changes);
 
     const Settings settings_;
     const ProcessFolder ownFolder_;  // used if the editor has not set one
+    std::future<void> removing_;     // removes the folders of killed editors
+    const std::filesystem::path folder_;
     CallerThread thread_;
+    EditorEvents events_;
+    std::vector<Event> taken_;
     BlobCache blobs_;
+    LostWorkReports lost_;
+    UnsentWorkReports unsent_;
     std::unique_ptr<ServerLink> link_;
     std::unique_ptr<Session> session_;
     std::map<LayerId, Layer> layers_;

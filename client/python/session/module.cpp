@@ -2,10 +2,12 @@
 // of fields is bytes as in PROTOCOL.md (V10). Events are dictionaries, as those of `_usdlive`.
 
 #include <nanobind/nanobind.h>
+#include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -74,10 +76,9 @@ public:
         return events;
     }
 
-    std::vector<std::string> projectLayers() {
+    std::vector<std::string> layers() {
         std::vector<std::string> names;
-        for (const LayerId& layer : session("project_layers").projectLayers())
-            names.push_back(layer.value);
+        for (const LayerId& layer : session("layers").projectLayers()) names.push_back(layer.value);
         return names;
     }
     void open(const std::string& name) { here("open").open(orRaise(parseLayerId(name))); }
@@ -122,6 +123,13 @@ public:
                 one.path, one.field, std::string(errorName(one.reason.code)), one.reason.message));
         return result;
     }
+    void lose(const std::string& layer, const std::string& path, const std::string& field,
+              const std::string& code, const std::string& message, const std::string& text) {
+        ErrorMessage reason;
+        reason.code = code;
+        reason.message = message;
+        here("lose").lose(LayerId{layer}, path, field, toError(reason), text);
+    }
     void submit() {
         auto& layers = here("submit");
         const nb::gil_scoped_release release;
@@ -140,14 +148,7 @@ public:
     /// Returns [(path, kind, {field: bytes})]: parents before children, siblings in order.
     nb::list content(const std::string& name) {
         nb::list specs;
-        here("content").content(
-            orRaise(parseLayerId(name)), [&](const LayerDoc::SpecView& spec, const auto& fields) {
-                nb::dict values;
-                for (const auto& [field, bytes] : fields)
-                    values[nb::str(field.data(), field.size())] = toBytes(bytes);
-                specs.append(nb::make_tuple(nb::str(spec.path.data(), spec.path.size()),
-                                            int(spec.kind), values));
-            });
+        here("content").content(orRaise(parseLayerId(name)), adderTo(specs));
         return specs;
     }
 
@@ -174,6 +175,102 @@ public:
         return session("may_write").rights().mayWriteIn(orRaise(parseLayerId(name)));
     }
 
+    // --- undo
+
+    nb::dict undo() { return toDictionary(orRaise(session("undo").undo())); }
+    nb::dict redo() { return toDictionary(orRaise(session("redo").redo())); }
+    /// Returns the labels of (undo, redo).
+    nb::tuple undoStack() {
+        const auto labels = session("undo_stack").undoLabels();
+        return nb::make_tuple(labels.undo, labels.redo);
+    }
+    void beginUndoGroup(const std::string& label) {
+        session("begin_undo_group").beginUndoGroup(label);
+    }
+    void endUndoGroup() { session("end_undo_group").endUndoGroup(); }
+    void beginGesture() { session("begin_gesture").beginGesture(); }
+    void endGesture() { session("end_gesture").endGesture(); }
+
+    // --- presence
+
+    void showPresence(const std::vector<std::string>& selection, const std::vector<double>& camera,
+                      std::optional<double> time, const std::string& editTarget,
+                      const std::string& data) {
+        Presence presence;
+        presence.selection = selection;
+        presence.camera = camera;
+        presence.time = time;
+        presence.editTarget = editTarget;
+        presence.data = data;
+        if (const auto shown = session("show_presence").showPresence(std::move(presence)); !shown)
+            raise(shown.error());
+    }
+    void hidePresence() { session("hide_presence").hidePresence(); }
+    nb::list presences() {
+        nb::list all;
+        for (const auto& [id, presence] : session("presences").presences())
+            all.append(toDictionary(presence));
+        return all;
+    }
+
+    // --- unsent and lost work
+
+    /// Returns the unsent work, or None.
+    nb::object leave() {
+        auto& layers = here("close");
+        const auto unsent = [&] {
+            const nb::gil_scoped_release release;
+            return layers.leave();
+        }();
+        return unsent ? nb::object(toDictionary(*unsent)) : nb::none();
+    }
+    nb::list unsentWork() {
+        nb::list all;
+        for (const auto& one : here("unsent_work").unsent().left()) all.append(toDictionary(one));
+        return all;
+    }
+    /// Returns (committed now, committed before, lost).
+    nb::tuple sendUnsent(const std::string& id, double timeoutMs) {
+        auto& layers = here("send");
+        const auto sent = orRaise([&] {
+            const nb::gil_scoped_release release;
+            return layers.sendUnsent(ClientId{id}, timeoutMs);
+        }());
+        return nb::make_tuple(sent.committed, sent.before, sent.lost);
+    }
+    /// Return content() of a sparse layer. `name_of_type(bytes)` names the type of an attribute by
+    /// its value.
+    nb::list unsentAsLayer(const std::string& id, const std::string& name,
+                           const nb::callable& nameOfType) {
+        nb::list specs;
+        const auto visited = here("as_layer")
+                                 .unsentContent(ClientId{id}, orRaise(parseLayerId(name)),
+                                                namerBy(nameOfType), adderTo(specs));
+        if (!visited) raise(visited.error());
+        return specs;
+    }
+    nb::list lostWorkAsLayer(std::uint64_t index, const std::string& name,
+                             const nb::callable& nameOfType) {
+        nb::list specs;
+        const auto visited = here("lost_work_as_layer")
+                                 .lostContent(index, orRaise(parseLayerId(name)),
+                                              namerBy(nameOfType), adderTo(specs));
+        if (!visited) raise(visited.error());
+        return specs;
+    }
+    void discardUnsent(const std::string& id) {
+        if (const auto done = here("discard").unsent().discard(ClientId{id}); !done)
+            raise(done.error());
+    }
+    nb::object otherHistory() {
+        const auto& other = session("other_history").otherHistory();
+        return other ? nb::object(toDictionary(*other)) : nb::none();
+    }
+    void joinOtherHistory() {
+        if (const auto done = session("join_other_history").joinOtherHistory(); !done)
+            raise(done.error());
+    }
+
     client::Session& session(const char* function) { return here(function).session(); }
     SharedLayers& here(const char* function) {
         if (!layers_)
@@ -185,6 +282,20 @@ public:
     }
 
 private:
+    static SharedLayers::Visit adderTo(nb::list specs) {
+        return [specs](const LayerDoc::SpecView& spec, const auto& fields) mutable {
+            nb::dict values;
+            for (const auto& [field, bytes] : fields)
+                values[nb::str(field.data(), field.size())] = toBytes(bytes);
+            specs.append(nb::make_tuple(nb::str(spec.path.data(), spec.path.size()), int(spec.kind),
+                                        values));
+        };
+    }
+    static SharedLayers::NameOfType namerBy(nb::callable nameOfType) {
+        return [nameOfType](const Bytes& value) {
+            return nb::cast<std::string>(nameOfType(toBytes(value)));
+        };
+    }
     static nb::tuple toTuple(const LayerChange::Replaced&) { return nb::make_tuple("replaced"); }
     static nb::tuple toTuple(const LayerChange::Namespace& change) {
         const std::string& path = change.path;
@@ -228,16 +339,36 @@ NB_MODULE(_session, module) {
         .def("advance", &PythonSession::advance)
         .def("wait", &PythonSession::wait)
         .def("take_events", &PythonSession::takeEvents)
-        .def("project_layers", &PythonSession::projectLayers)
+        .def("layers", &PythonSession::layers)
         .def("open", &PythonSession::open)
         .def("close_layer", &PythonSession::closeLayer)
         .def("is_joined", &PythonSession::isJoined)
         .def("capture", &PythonSession::capture)
+        .def("lose", &PythonSession::lose)
         .def("submit", &PythonSession::submit)
         .def("take_changes", &PythonSession::takeChanges)
         .def("content", &PythonSession::content)
         .def("has", &PythonSession::has)
         .def("held", &PythonSession::held)
+        .def("undo", &PythonSession::undo)
+        .def("redo", &PythonSession::redo)
+        .def("undo_stack", &PythonSession::undoStack)
+        .def("begin_undo_group", &PythonSession::beginUndoGroup)
+        .def("end_undo_group", &PythonSession::endUndoGroup)
+        .def("begin_gesture", &PythonSession::beginGesture)
+        .def("end_gesture", &PythonSession::endGesture)
+        .def("show_presence", &PythonSession::showPresence, nb::arg("selection"), nb::arg("camera"),
+             nb::arg("time").none(), nb::arg("edit_target"), nb::arg("data"))
+        .def("hide_presence", &PythonSession::hidePresence)
+        .def("presences", &PythonSession::presences)
+        .def("leave", &PythonSession::leave)
+        .def("unsent_work", &PythonSession::unsentWork)
+        .def("send_unsent", &PythonSession::sendUnsent)
+        .def("unsent_as_layer", &PythonSession::unsentAsLayer)
+        .def("lost_work_as_layer", &PythonSession::lostWorkAsLayer)
+        .def("discard_unsent", &PythonSession::discardUnsent)
+        .def("other_history", &PythonSession::otherHistory)
+        .def("join_other_history", &PythonSession::joinOtherHistory)
         .def("save", &PythonSession::save)
         .def("create_layer", &PythonSession::createLayer)
         .def("may_write", &PythonSession::mayWrite)
@@ -248,6 +379,9 @@ NB_MODULE(_session, module) {
         .def_prop_ro(
             "pending",
             [](PythonSession& self) { return self.session("pending").pendingTransactions(); })
+        .def_prop_ro(
+            "cache_folder",
+            [](PythonSession& self) { return self.here("cache_folder").cacheFolder().string(); })
         .def_prop_ro("user", [](PythonSession& self) { return self.here("user").user(); })
         .def_prop_ro("role",
                      [](PythonSession& self) {

@@ -29,10 +29,11 @@ from . import events  # noqa: E402
 if _other is None:
     from . import plugins
     from ._history import LoggedCommit, Opinion
-    from ._live import Live, UnsentWork, connect, connect_async
+    from ._live import Live, connect, connect_async
     from ._namespace import NamespaceEditor
     from ._player import Player
     from ._undo import UndoKept, UndoResult, UndoStack
+    from ._unsent import UnsentWork
     from ._usdlive import __version__
 
     plugins.register()

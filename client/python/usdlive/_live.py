@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import atexit
 import collections
-import contextlib
-import getpass
 import os
 import time
 import typing
@@ -16,12 +13,12 @@ import weakref
 from pxr import Sdf, Usd
 
 from . import _usdlive, events
+from ._connection import Connection
 from ._errors import Error
 from ._foreign_files import ForeignFiles
 from ._history import LoggedCommit, Moment, Opinion, logged, milliseconds, opinion
 from ._past import ReadOnly, open_at
 from ._player import Player
-from ._undo import UndoKept, UndoResult, UndoStack
 from .portable.connecting import connect as connect_portable
 
 
@@ -96,18 +93,6 @@ def _warn_once(problem: str | None) -> None:
         warnings.warn(problem, RuntimeWarning, stacklevel=3)
 
 
-_open: "weakref.WeakSet[Live]" = weakref.WeakSet()
-
-
-class Sent(typing.NamedTuple):
-    """The result of sending unsent work, in transactions: committed now, committed before (only the
-    acknowledgement was lost), and pieces of work that were refused or dropped."""
-
-    committed: int
-    before: int
-    lost: int
-
-
 class _MutenessOfStage:
     """Mutes on one stage the layers that are muted for everybody. Layers that the user mutes or unmutes on this
     stage keep their state until the shared state changes."""
@@ -131,17 +116,14 @@ class _MutenessOfStage:
         return True
 
 
-class Live:
+class Live(Connection):
     """A live project. Use it on the thread that owns the stage, and call `tick()` once per frame."""
 
     backend = "fast"
 
     def __init__(self, client: "_usdlive.Client", url: str, user: str):
-        self._client = client
-        self._url, self._user = url, user
-        self._process = os.getpid()
-        _open.add(self)
-        self._handlers: list[typing.Callable[[events.Event], None]] = []
+        super().__init__(client, url)
+        self._user = user
         # Handlers of calls that wait for an answer.
         self._answered: list[typing.Callable[[events.Event], None]] = []
         self._followed: list[_MutenessOfStage] = []
@@ -151,10 +133,6 @@ class Live:
         self._undelivered: collections.deque[dict] = collections.deque()
 
     # -- layers and stages
-
-    def layers(self) -> list[str]:
-        """Returns the layers of the project, by path relative to it."""
-        return self._client.layers()
 
     def identifier(self, layer: str) -> str:
         """Returns the identifier that a layer of the project has in this process; `Sdf.Layer.Find()` finds it by this
@@ -416,53 +394,15 @@ class Live:
         return done
 
     def begin_gesture(self) -> None:
-        """Starts a gesture. Until `end_gesture()`, others see the edits at once, and all are committed
-        together. Gestures nest: the outermost one counts."""
         self._client.begin_gesture()
 
     def end_gesture(self) -> None:
         self._client.end_gesture()
 
-    @contextlib.contextmanager
-    def gesture(self) -> typing.Iterator[None]:
-        """Calls `begin_gesture()` and `end_gesture()`: `with live.gesture(): ...`"""
-        self.begin_gesture()
-        try:
-            yield
-        finally:
-            self.end_gesture()
-
-    def undo(self) -> UndoResult:
-        """Takes back the newest step of one's own work: the edits of one `tick()`, of a gesture or of a group, in all live
-        layers. Edits since the last tick are a step of their own. The stage shows the result at once. What others have
-        written since stays, and is in the result's `kept`. The result is false if there is no step. Raises an Error while
-        a gesture or a group is open."""
-        return self._taken_back(*self._client.undo())
-
-    def redo(self) -> UndoResult:
-        """Takes back the newest undo, in the same way. Own edits in between end what can be redone."""
-        return self._taken_back(*self._client.redo())
-
-    def undo_stack(self) -> UndoStack:
-        """Returns the labels of the steps that can be undone and redone."""
-        undo, redo = self._client.undo_stack()
-        return UndoStack(tuple(undo), tuple(redo))
-
-    @contextlib.contextmanager
-    def undo_group(self, label: str) -> typing.Iterator[None]:
-        """The edits within are one step of the undo, over any number of ticks: `with live.undo_group("Move chairs"): ...`
-        Groups nest: the outermost one counts. The history has the label, too (`live.log(label=...)`), at most 1,000 bytes
-        of it."""
-        self._client.begin_undo_group(label)
-        try:
-            yield
-        finally:
-            self._client.end_undo_group()
-
-    def _taken_back(self, result: dict, happened: list[dict]) -> UndoResult:
+    def _take_back(self, undo_or_redo: str) -> dict:
+        result, happened = getattr(self._client, undo_or_redo)()
         self._notify(happened)
-        kept = tuple(UndoKept(**one) for one in result.pop("kept"))
-        return UndoResult(kept=kept, **result)
+        return result
 
     def save(self, *layers: str, force: bool = False, timeout: float = 60.0) -> events.Saved:
         """Commits all own edits, writes these layers (default: all changed layers) to their files, and returns
@@ -631,79 +571,8 @@ class Live:
         """Returns the states by layer. Layers without a known state are left out."""
         return {d["layer"]: events.LayerState(**d) for d in self._client.layer_states()}
 
-    def show_presence(self, selection: typing.Iterable[object] = (), camera: object = None,
-                      time: float | None = None, edit_target: str = "", data: str = "") -> None:
-        """Sends one's presence to others: selected paths, a camera's matrix (`Gf.Matrix4d` or 16 numbers by
-        rows), the time code, the edit target, and free text (JSON). Sent at most 20 times a second."""
-        numbers: list[float] = []
-        for row in camera if camera is not None else ():
-            numbers.extend(map(float, row) if hasattr(row, "__len__") else (float(row),))
-        self._client.show_presence([str(path) for path in selection], numbers, time, edit_target, data)
-
-    def hide_presence(self) -> None:
-        """Removes one's presence. Others see it within 3 seconds."""
-        self._client.hide_presence()
-
-    def presences(self) -> list[events.Presence]:
-        """Returns the presences of others."""
-        return [events.Presence(**d) for d in self._client.presences()]
-
-    def follow(self, user: str, function: typing.Callable[[events.Presence | None], None]
-               ) -> typing.Callable[[], None]:
-        """Calls `function(presence)` with the presence of a user, now and after each change, during `tick()`.
-        Use it to follow a camera or a selection. If the user has several clients, the one that changed last is followed;
-        when it has left, the one that changed before. None means that the user has left with all clients. Returns a
-        function that ends it."""
-        shown: dict[str, events.Presence] = {}  # by client; the one that changed last is the last
-
-        def moved(presence: events.Presence) -> None:
-            if shown.get(presence.client) == presence:
-                return
-            shown.pop(presence.client, None)
-            shown[presence.client] = presence
-            function(presence)
-
-        def happened(event: events.Event) -> None:
-            if not isinstance(event, events.PresenceChanged):
-                return
-            for presence in event.shown:
-                if presence.user == user:
-                    moved(presence)
-            followed = next(reversed(shown), None)
-            for client in event.gone:
-                shown.pop(client, None)
-            now = next(reversed(shown), None)
-            if now != followed:
-                function(shown[now] if now else None)
-
-        for presence in self.presences():
-            if presence.user == user:
-                moved(presence)
-        self.add_handler(happened)
-        return lambda: self.remove_handler(happened)
-
-    @property
-    def other_history(self) -> events.OtherHistory | None:
-        """Not None while this connection has stopped because the server has another history than the editor shows:
-        another project is served at the address, or an older copy of this one. An `events.ServerError` with the
-        code `historyDiverged` reports it once. The layers stay as they are, edits are kept as without a
-        connection, nothing is sent, and work continues when the right server is back."""
-        found = self._client.other_history()
-        return None if found is None else events.OtherHistory(**found)
-
-    def join_other_history(self) -> None:
-        """Decides to join the history that `other_history` describes, with the next connection. Then all open
-        layers get its content. Everything that this editor was told is committed and that this history lacks
-        becomes lost work (`events.Lost`). Unsent edits are sent if it is the same project; those made in another
-        project become lost work, too. Returns at once; `events.Connected` reports the result. Raises an Error
-        (`invalidArgument`) if the connection has not stopped."""
-        self._client.join_other_history()
-
-    def unsent_work(self) -> list["UnsentWork"]:
-        """Returns work that earlier connections of this user to this project could not send, because the
-        process, the server or the network ended first. Oldest first. It is kept until it is sent or discarded.
-        Work in another project of the same name (`about.other_project`) cannot be sent to this one."""
-        return [UnsentWork(self._client, events.Unsent(**one)) for one in self._client.unsent_work()]
+    def _unsent_as_layer(self, work: str, layer: str) -> Sdf.Layer:
+        return _held(self._client.unsent_as_layer(work, layer))
 
     def lost_work_as_layer(self, index: int, layer: str) -> Sdf.Layer:
         """Returns refused or dropped work as an anonymous layer (M12): number `index` (see `events.Lost`) on `layer`. A
@@ -712,14 +581,6 @@ class Live:
         return _held(self._client.lost_work_as_layer(index, layer))
 
     # -- events
-
-    def add_handler(self, handler: typing.Callable[[events.Event], None]) -> None:
-        """Calls `handler(event)` for every event, during `tick()` and `flush()`. Without a handler, `events.Lost` and
-        `events.JoinFailed` become a RuntimeWarning."""
-        self._handlers.append(handler)
-
-    def remove_handler(self, handler: typing.Callable[[events.Event], None]) -> None:
-        self._handlers.remove(handler)
 
     async def events(self, interval: float | None = 1 / 60) -> typing.AsyncIterator[events.Event]:
         """Yields the events from now on. While the caller waits, calls `tick()` every `interval` seconds. With
@@ -765,22 +626,6 @@ class Live:
 
     # -- state
 
-    @property
-    def connected(self) -> bool:
-        """False while the connection is lost, and when it was closed."""
-        return not self._client.closed and self._client.connected
-
-    @property
-    def user(self) -> str:
-        """The name that others see."""
-        return self._client.user
-
-    @property
-    def role(self) -> str:
-        """The role of this user in the project: "viewer", "reviewer", "editor" or "admin". Live layers refuse the edits
-        of viewers and reviewers: their `permissionToEdit` is False. Empty while the project is not known."""
-        return self._client.role
-
     def may_edit(self, layer: str, path: str = "/", kind: str | None = None) -> events.Permission:
         """Returns whether this user may write opinions of a kind at a prim or property now, by role, access rules and
         the layer's lock, so that an editor can grey out what is refused. Asks nobody and does not wait. `kind` is one of
@@ -800,30 +645,6 @@ class Live:
         is not known."""
         return events.Permission(*self._client.may_do(action, layer))
 
-    @property
-    def revision(self) -> int:
-        """The newest revision that is confirmed and applied here."""
-        return self._client.revision
-
-    @property
-    def pending(self) -> int:
-        """The number of own transactions that the server has not acknowledged. A frame of edits whose big
-        arrays are being encoded counts, too."""
-        return self._client.pending
-
-    @property
-    def id(self) -> str:
-        """This client's id, as in `events.Committed.client`."""
-        return self._client.id
-
-    @property
-    def cache_folder(self) -> str:
-        return self._client.cache_folder
-
-    @property
-    def closed(self) -> bool:
-        return self._client.closed
-
     def close(self, timeout: float = 5.0) -> events.Unsent | None:
         """Leaves the project when all own edits are committed, or after `timeout` seconds. Returns None, or the
         unsent work and where it is kept, with a RuntimeWarning; `unsent_work()` of a later connection can send
@@ -831,62 +652,4 @@ class Live:
         handler during `tick()`, the connection is closed at the end of the tick."""
         unsent, happened = self._client.close(timeout * 1000.0)
         self._notify(happened)
-        if unsent is None:
-            return None
-        left = events.Unsent(**unsent)
-        warnings.warn(str(left), RuntimeWarning, stacklevel=2)
-        return left
-
-    def __del__(self) -> None:
-        if self._process == os.getpid() and not self._client.closed:
-            warnings.warn(f"the connection to {self._url} was not closed, and nothing refers to it any more. Its layers are no "
-                          "longer live and refuse edits; what was not sent is kept, and unsent_work() of the next connection "
-                          "returns it. Keep what usdlive.connect() returns as long as you edit", RuntimeWarning, stacklevel=1)
-
-    def __enter__(self) -> "Live":
-        return self
-
-    def __exit__(self, raised: type | None, *_: object) -> None:
-        """Closes the connection. Raises an Error (`notConnected`) if work was not sent, unless another exception is on
-        its way."""
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore" if raised is None else "default", RuntimeWarning)
-            unsent = self.close()
-        if unsent is not None and raised is None:
-            raise Error("notConnected", str(unsent))
-
-
-class UnsentWork:
-    """Work of an earlier connection that was not sent. `str()` returns a sentence for its user."""
-
-    def __init__(self, client: "_usdlive.Client", about: events.Unsent):
-        self._client = client
-        self.about = about
-
-    def __str__(self) -> str:
-        return str(self.about)
-
-    def send(self, timeout: float = 60.0) -> Sent:
-        """Commits the work at the present paths of its specs. Each edit is committed once, also if only its
-        acknowledgement was lost and if this is called again after an Error. The work is kept until all of it is
-        committed, or lost for a reason that does not pass. The next tick reports refused or dropped work as
-        `events.Lost`."""
-        return Sent(*self._client.send_unsent(self.about.id, timeout * 1000.0))
-
-    def as_layer(self, layer: str) -> Sdf.Layer:
-        """Returns the work's changes of `layer` as an anonymous layer. The work is kept."""
-        return _held(self._client.unsent_as_layer(self.about.id, layer))
-
-    def discard(self) -> None:
-        """Deletes the work for good."""
-        self._client.discard_unsent(self.about.id)
-
-
-@atexit.register
-def _close_all() -> None:
-    """Closes open connections when the interpreter exits, so that they warn about unsent work."""
-    for live in list(_open):
-        if not live.closed:
-            # It belongs to another thread; the journal keeps its work.
-            with contextlib.suppress(Error):
-                live.close(timeout=2.0)
+        return self._left(unsent)

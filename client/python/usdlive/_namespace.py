@@ -9,7 +9,8 @@ from pxr import Sdf, Tf, Usd
 
 from . import _usdlive
 from ._errors import Error
-from ._live import _open
+from ._connection import opened
+from ._live import Live
 
 
 @functools.lru_cache(maxsize=1024)
@@ -253,7 +254,7 @@ class NamespaceEditor:
         others have written since stays, and is returned. A prim that cannot go back keeps the targets that lead to
         it."""
         record = self._editor.record()
-        clients = [live._client for live in _open if not live.closed]
+        clients = [live._client for live in opened if isinstance(live, Live) and not live.closed]
         shared = [layer for layer in record.layers()
                   if any(client.layer_name(layer) is not None for client in clients)]
         return [Kept(*kept) for kept in record.undo(shared)]

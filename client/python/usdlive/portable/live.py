@@ -5,8 +5,6 @@ from __future__ import annotations
 import collections
 import os
 import pathlib
-import shutil
-import tempfile
 import time
 import typing
 import warnings
@@ -14,7 +12,9 @@ import warnings
 from pxr import Sdf, Tf, Usd
 
 from .. import _session, events
+from .._connection import Connection
 from .._errors import Error
+from . import values
 from ._content import Memory, Reader, Writer, object_at, stays, write
 
 _SILENCE = 30.0  # seconds without an answer
@@ -118,41 +118,33 @@ class _Notices:
                     by_layer[spec.layer].hints.add(str(spec.path))
 
 
-class PortableLive:
+class PortableLive(Connection):
     """A live project. Use it on the thread that owns the stage, and call `tick()` once per frame.
 
     It has the plain part of the API of `usdlive.Live`, with the same meaning. The rest raises an Error
     (`unsupportedValue`) that says so. Layers are files without content in the cache folder; no other file of the project
-    is found. Unsent work is not kept when the process ends."""
+    is found."""
 
     backend = "portable"
 
     def __init__(self, url: str, *, user: str = "", application: str = "python", cache_folder: str = "",
                  timeout: float = 10.0, cache_mib: int = 4096, token: str = ""):
-        self._own_folder = None if cache_folder else tempfile.mkdtemp(prefix="usdlive-layers-")
-        self._folder = pathlib.Path(os.path.realpath(os.fspath(cache_folder) or self._own_folder or ""))
-        try:
-            self._session = _session.Session(url, user, application, str(self._folder), timeout * 1000.0, cache_mib << 20, token)
-        except Error:
-            self._remove_folder()
-            raise
-        self._url = url
+        named = os.path.realpath(os.fspath(cache_folder)) if cache_folder else ""
+        client = _session.Session(url, user, application, named, timeout * 1000.0, cache_mib << 20, token)
+        super().__init__(client, url)
+        self._folder = pathlib.Path(os.path.realpath(client.cache_folder))
         self._layers: dict[str, _LiveLayer] = {}
         self._notices = _Notices(self._layers)
-        self._handlers: list[typing.Callable[[events.Event], None]] = []
         self._answers: dict[int, events.Event | None] = {}
         self._failed: dict[str, events.JoinFailed] = {}
         self._ticking = False
+        self._gestures = 0  # open ones, each inside the one before
 
     def __getattr__(self, name: str) -> typing.NoReturn:
         raise NotInPortable("unsupportedValue", f"the portable backend of usdlive has no {name!r} yet. Use the fast one, in a "
                                                 "process with the usd-core for which usdlive was built, or the command usdlive")
 
     # -- layers and stages
-
-    def layers(self) -> list[str]:
-        """Returns the layers of the project, by path relative to it."""
-        return self._session.project_layers()
 
     def identifier(self, layer: str) -> str:
         """Returns the identifier that a layer of the project has in this process."""
@@ -183,7 +175,7 @@ class PortableLive:
 
     def create_layer(self, layer: str) -> Sdf.Layer:
         """Creates a new, empty layer of the project for all users, and opens it."""
-        self._answer(self._session.create_layer(layer), _SILENCE)
+        self._answer(self._client.create_layer(layer), _SILENCE)
         return self.open_layer(layer)
 
     def close_layer(self, layer: str) -> None:
@@ -200,30 +192,75 @@ class PortableLive:
         a big layer when the comparison of the whole layer, which ticks do in slices, has come to them. `flush()` sends all."""
         return self._tick(budget_ms, whole=False)
 
-    def _tick(self, budget_ms: float, whole: bool) -> bool:
+    def _tick(self, budget_ms: float, whole: bool, call: typing.Callable[[], None] | None = None) -> bool:
+        """`call` is made after the editor's edits were captured, and before received ones are applied."""
         if self._ticking:
             return False  # called by a notice handler
         self._ticking = True
-        happened: list[events.Event] = []
         try:
-            happened += self._capture(whole)
-            more = self._session.advance(budget_ms)
-            happened += [event for event in map(events._from_dictionary, self._session.take_events()) if self._note(event)]
+            self._capture(whole)
+            if call is not None:
+                call()
+            more = self._client.advance(budget_ms)
+            happened = self._take_events()
             for live in list(self._layers.values()):
                 self._apply(live)
         finally:
             self._ticking = False
+        self._notify(happened)
+        return more or any(live.sweep is not None for live in self._layers.values())
+
+    def _take_events(self) -> list[events.Event]:
+        happened = [events._from_dictionary(one) for one in self._client.take_events()]
+        for event in happened:
+            self._note(event)
+        return happened
+
+    def _notify(self, happened: list[events.Event]) -> None:
         for event in happened:
             for handler in list(self._handlers):
                 handler(event)
             if not self._handlers and isinstance(event, (events.Lost, events.JoinFailed)):
-                warnings.warn(str(event), RuntimeWarning, stacklevel=3)
-        return more or any(live.sweep is not None for live in self._layers.values())
+                warnings.warn(str(event), RuntimeWarning, stacklevel=4)
 
     def flush(self, timeout: float = 10.0) -> bool:
         """Calls `tick()` until all own edits are committed. Returns False after `timeout` seconds."""
         self._tick(4.0, whole=True)
         return self.wait(lambda: self.pending == 0, timeout)
+
+    def begin_gesture(self) -> None:
+        self._may_wait()
+        self._gestures += 1
+        if self._gestures == 1:
+            self._tick(0.0, whole=True)  # earlier writes do not belong to it
+            self._client.begin_gesture()
+
+    def end_gesture(self) -> None:
+        self._may_wait()
+        if self._gestures == 1:
+            self._tick(0.0, whole=True)
+            self._client.end_gesture()
+        self._gestures = max(0, self._gestures - 1)
+
+    def _seal(self) -> None:
+        if not self._ticking:
+            self._capture(whole=True)
+
+    def _take_back(self, undo_or_redo: str) -> dict:
+        self._may_wait()
+        results: list[dict] = []
+        refused: list[Error] = []
+
+        def take_back() -> None:
+            try:
+                results.append(getattr(self._client, undo_or_redo)())
+            except Error as error:
+                refused.append(error)
+
+        self._tick(0.0, whole=True, call=take_back)
+        if refused:
+            raise refused[0]
+        return results[0]
 
     def wait(self, condition: typing.Callable[[], bool], timeout: float = 10.0) -> bool:
         """Calls `tick()` until `condition()` is true. Returns False after `timeout` seconds."""
@@ -232,7 +269,7 @@ class PortableLive:
             if time.monotonic() > end:
                 return False
             if not self.tick():
-                self._session.wait(2.0)
+                self._client.wait(2.0)
         return True
 
     def save(self, *layers: str, force: bool = False, timeout: float = 60.0) -> events.Saved:
@@ -241,73 +278,37 @@ class PortableLive:
         end = time.monotonic() + timeout
         if not self.flush(timeout):
             raise Error("notConnected", f"nothing was saved: the server has not confirmed all edits within {timeout:g} seconds")
-        return typing.cast(events.Saved, self._answer(self._session.save(list(layers), force), end - time.monotonic()))
+        return typing.cast(events.Saved, self._answer(self._client.save(list(layers), force), end - time.monotonic()))
 
-    # -- events and state
+    # -- unsent and lost work
 
-    def add_handler(self, handler: typing.Callable[[events.Event], None]) -> None:
-        """Calls `handler(event)` for every event, during `tick()`."""
-        self._handlers.append(handler)
+    def _unsent_as_layer(self, work: str, layer: str) -> Sdf.Layer:
+        return _layer_of(self._client.unsent_as_layer(work, layer, _name_of_type))
 
-    def remove_handler(self, handler: typing.Callable[[events.Event], None]) -> None:
-        self._handlers.remove(handler)
+    def lost_work_as_layer(self, index: int, layer: str) -> Sdf.Layer:
+        """Returns refused or dropped work as an anonymous layer (M12): number `index` (see `events.Lost`) on `layer`. A
+        value that cannot be shared is kept as text in the custom data of its spec (`lost:FIELD`; of the root in
+        `customLayerData`). All lost work can be read until the connection is closed."""
+        return _layer_of(self._client.lost_work_as_layer(index, layer, _name_of_type))
 
-    @property
-    def connected(self) -> bool:
-        """False while the connection is lost, and when it was closed."""
-        return not self._session.closed and self._session.connected
-
-    @property
-    def closed(self) -> bool:
-        return self._session.closed
-
-    @property
-    def user(self) -> str:
-        """The name that others see."""
-        return self._session.user
-
-    @property
-    def role(self) -> str:
-        """The role of this user in the project. Live layers refuse the edits of those who may not write."""
-        return self._session.role
-
-    @property
-    def revision(self) -> int:
-        """The newest revision that is confirmed and applied here."""
-        return self._session.revision
-
-    @property
-    def pending(self) -> int:
-        """The number of own transactions that the server has not acknowledged."""
-        return self._session.pending
-
-    @property
-    def id(self) -> str:
-        """This client's id, as in `events.Committed.client`."""
-        return self._session.id
-
-    @property
-    def cache_folder(self) -> str:
-        return str(self._folder)
-
-    def close(self, timeout: float = 5.0) -> None:
-        """Leaves the project when all own edits are committed, or after `timeout` seconds: then with a RuntimeWarning,
-        because what was not sent is lost. Layers keep their content and refuse edits."""
-        if self._session.closed:
-            return
-        if not self.flush(timeout):
-            warnings.warn(f"{self.pending} edits were not sent to {self._url} and are lost", RuntimeWarning, stacklevel=2)
+    def close(self, timeout: float = 5.0) -> events.Unsent | None:
+        """Leaves the project when all own edits are committed, or after `timeout` seconds. Returns None, or the
+        unsent work and where it is kept, with a RuntimeWarning; `unsent_work()` of a later connection can send
+        it, with any backend. Layers keep their content and refuse edits."""
+        if self.closed:
+            return None
+        self._may_wait()
+        self._gestures = min(self._gestures, 1)
+        self.end_gesture()
+        self.flush(timeout)
+        unsent = self._client.leave()
+        happened = self._take_events()
         for layer in list(self._layers):
             self._forget(layer)
         self._notices.end()
-        self._session.close()
-        self._remove_folder()
-
-    def __enter__(self) -> "PortableLive":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
+        self._client.close()
+        self._notify(happened)
+        return self._left(unsent)
 
     # -- opening
 
@@ -318,7 +319,7 @@ class PortableLive:
             raise Error("layerNotFound", f"the project has no layer {name}")
         self._failed.pop(name, None)
         self._layers[name] = _LiveLayer(name, self._placeholder(name))
-        self._session.open(name)
+        self._client.open(name)
 
     def _placeholder(self, name: str) -> Sdf.Layer:
         """The layer of this process, at the place that other layers name by a relative path. Its file has no content."""
@@ -352,19 +353,18 @@ class PortableLive:
     def _forget(self, name: str) -> None:
         live = self._layers.pop(name, None)
         if live is not None:
-            self._session.close_layer(name)
+            self._client.close_layer(name)
             live.end()
-
-    def _remove_folder(self) -> None:
-        if self._own_folder is not None:
-            shutil.rmtree(self._own_folder, ignore_errors=True)
 
     # -- waiting
 
-    def _wait(self, condition: typing.Callable[[], bool], what: str, timeout: float = _SILENCE) -> None:
+    def _may_wait(self) -> None:
         if self._ticking:
-            raise Error("invalidArgument", "a call that waits for the server was made by a handler during tick(). Make it "
-                                           "after tick() has returned")
+            raise Error("invalidArgument", "a call that waits for the server was made by a notice handler during tick(). Make "
+                                           "it after tick() has returned")
+
+    def _wait(self, condition: typing.Callable[[], bool], what: str, timeout: float = _SILENCE) -> None:
+        self._may_wait()
         if not self.wait(condition, timeout):
             raise Error("notConnected", f"{what}: the server at {self._url} did not answer within {timeout:g} seconds")
 
@@ -379,7 +379,7 @@ class PortableLive:
             raise Error(answer.code, answer.message)
         return typing.cast(events.Event, answer)
 
-    def _note(self, event: events.Event) -> bool:
+    def _note(self, event: events.Event) -> None:
         request = getattr(event, "request", None)
         if request in self._answers and not isinstance(event, events.Progress):
             self._answers[request] = event
@@ -388,23 +388,20 @@ class PortableLive:
         if isinstance(event, (events.Connected, events.RightsChanged)):
             for live in self._layers.values():
                 if live.filled:
-                    live.layer.SetPermissionToEdit(self._session.may_write(live.name))
-        return True
+                    live.layer.SetPermissionToEdit(self._client.may_write(live.name))
 
     # -- what the editor wrote
 
-    def _capture(self, whole: bool = False) -> list[events.Event]:
+    def _capture(self, whole: bool = False) -> None:
         """`whole`: compares all layers that were written, and leaves nothing to later ticks."""
-        lost: list[events.Event] = []
         for live in self._layers.values():
             if live.filled and (live.dirty or live.sweep is not None):
-                lost += self._capture_layer(live, whole)
-        self._session.submit()
-        return lost
+                self._capture_layer(live, whole)
+        self._client.submit()
 
-    def _capture_layer(self, live: _LiveLayer, whole: bool) -> list[events.Event]:
+    def _capture_layer(self, live: _LiveLayer, whole: bool) -> None:
         refused: dict[tuple[str, str], str] = {}
-        reader = Reader(live.layer, live.memory, lambda path: self._session.has(live.name, path),
+        reader = Reader(live.layer, live.memory, lambda path: self._client.has(live.name, path),
                         lambda path, field, why: refused.update({(path, field): why}))
         if whole or live.dirty and not live.hints:
             seen = reader.all(exact=not whole)
@@ -419,25 +416,26 @@ class PortableLive:
             return (path, field) in refused or stays(live.layer, path, field, data)
 
         answers = [("unsupportedValue", path, field, why) for (path, field), why in refused.items()]
-        for path, field, code, message in self._session.capture(live.name, seen, keeps):
+        for path, field, code, message in self._client.capture(live.name, seen, keeps):
             answers.append((code, path, field, message))
+        for code, path, field, why in answers:
+            spec = object_at(live.layer, path)
+            text = str(spec.GetInfo(field)) if spec is not None and field and spec.HasInfo(field) else ""
+            self._client.lose(live.name, path, field, code, f"{live.name} <{path}>{' ' if field else ''}{field}: {why}", text)
         if refused:
             self._revert(live, refused)
-        return [events.Lost(code=code, message=f"{live.name} <{path}>{' ' if field else ''}{field}: {message}", refused=False,
-                            edits=(events.Edit("set", live.name, path, field or None),))
-                for code, path, field, message in answers]
 
     def _revert(self, live: _LiveLayer, refused: typing.Iterable[tuple[str, str]]) -> None:
         with _Applying(live, self._notices):
             for path, field in refused:
                 spec = object_at(live.layer, path)
                 if spec is not None:
-                    write(spec, path, field, self._session.held(live.name, path, field), live.memory)
+                    write(spec, path, field, self._client.held(live.name, path, field), live.memory)
 
     # -- what others wrote
 
     def _apply(self, live: _LiveLayer) -> None:
-        changes = self._session.take_changes(live.name)
+        changes = self._client.take_changes(live.name)
         if not changes:
             return
         if changes[0][0] == "replaced":
@@ -449,21 +447,36 @@ class PortableLive:
             self._open(name)
 
     def _fill(self, live: _LiveLayer) -> None:
-        scratch = Sdf.Layer.CreateAnonymous(os.path.splitext(live.name)[1])
         live.memory.clear()
-        writer = Writer(scratch, live.memory)
-        with Sdf.ChangeBlock():
-            for path, kind, fields in self._session.content(live.name):
-                if path != "/":
-                    writer.create(path, kind)
-                for field, data in fields.items():
-                    writer.field(path, field, data)
+        scratch = _layer_of(self._client.content(live.name), os.path.splitext(live.name)[1], live.memory)
         with _Applying(live, self._notices):
             live.layer.TransferContent(scratch)
         live.filled, live.dirty = True, False
         live.end_sweep()
         live.hints.clear()
-        live.layer.SetPermissionToEdit(self._session.may_write(live.name))
+        live.layer.SetPermissionToEdit(self._client.may_write(live.name))
+
+
+def _layer_of(content: list[tuple[str, int, dict[str, bytes]]], extension: str = ".usda",
+              memory: Memory | None = None) -> Sdf.Layer:
+    """Returns an anonymous layer with this content."""
+    layer = Sdf.Layer.CreateAnonymous(extension)
+    writer = Writer(layer, Memory() if memory is None else memory)
+    with Sdf.ChangeBlock():
+        for path, kind, fields in content:
+            if path != "/":
+                writer.create(path, kind)
+            for field, data in fields.items():
+                writer.field(path, field, data)
+    return layer
+
+
+def _name_of_type(data: bytes) -> str:
+    """The name of the type that an attribute with this encoded value can have, or "" where this OpenUSD has none."""
+    try:
+        return str(Sdf.GetValueTypeNameForValue(values.decode(data)))
+    except (values.Unsupported, Tf.ErrorException):
+        return ""
 
 
 class _Applying:
