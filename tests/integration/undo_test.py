@@ -92,6 +92,15 @@ def two(server, editor):
     return server, editor(server, "ada", "root.usda"), editor(server, "bo", "root.usda")
 
 
+@pytest.fixture(params=["fast", "portable"])
+def both(server, editor, request):
+    """Does the same for each backend of the first editor."""
+    return server, editor(server, "ada", "root.usda", request.param), editor(server, "bo", "root.usda")
+
+
+either = pytest.mark.parametrize("backend", ["fast", "portable"])
+
+
 @pytest.mark.parametrize("step", STEPS)
 def test_a_step_is_undone_and_redone_exactly(step, two):
     server, ada, bo = two
@@ -110,8 +119,8 @@ def test_a_step_is_undone_and_redone_exactly(step, two):
 
 
 @pytest.mark.parametrize("offline", [False, True])
-def test_all_steps_are_undone_and_redone_exactly(offline, two):
-    server, ada, bo = two
+def test_all_steps_are_undone_and_redone_exactly(offline, both):
+    server, ada, bo = both
     layers = ("root.usda", "over.usda")
     before = [ada.text(layer) for layer in layers]
     if offline:
@@ -133,8 +142,8 @@ def test_all_steps_are_undone_and_redone_exactly(offline, two):
     assert synced(server, ada, bo, layers=layers) == after
 
 
-def test_what_a_colleague_has_written_since_is_kept_and_named(two):
-    server, ada, bo = two
+def test_what_a_colleague_has_written_since_is_kept_and_named(both):
+    server, ada, bo = both
     ada.run(FIND + "ball.GetAttribute('radius').Set(5.0); ball.GetAttribute('radius').Set(12.0, 1)")
     synced(server, ada, bo)
     bo.run(FIND + "ball.GetAttribute('radius').Set(7.0)")
@@ -144,8 +153,8 @@ def test_what_a_colleague_has_written_since_is_kept_and_named(two):
     assert "double radius = 7" in text and "1: 10" in text
 
 
-def test_a_deleted_prim_returns_with_what_a_colleague_did_before(two):
-    server, ada, bo = two
+def test_a_deleted_prim_returns_with_what_a_colleague_did_before(both):
+    server, ada, bo = both
     bo.run(FIND + "ball.GetAttribute('radius').Set(7.0); live.flush()")  # ada has not seen it
     ada.run("stage.RemovePrim('/World/Ball'); live.flush()")
     assert "Ball" not in synced(server, ada, bo)[0].split("def ")[2]
@@ -170,8 +179,8 @@ def test_a_rename_goes_back_with_what_a_colleague_wrote_since(two):
     assert 'def Sphere "Planet"' in root and 'over "Planet"' in over
 
 
-def test_a_created_prim_stays_with_what_a_colleague_put_there(two):
-    server, ada, bo = two
+def test_a_created_prim_stays_with_what_a_colleague_put_there(both):
+    server, ada, bo = both
     ada.run("stage.DefinePrim('/Mine/A'); stage.DefinePrim('/Mine/B')")
     synced(server, ada, bo)
     bo.run("stage.DefinePrim('/Mine/A/Theirs')")
@@ -181,8 +190,9 @@ def test_a_created_prim_stays_with_what_a_colleague_put_there(two):
     assert '"Theirs"' in text and 'def "B"' not in text
 
 
-def test_groups_gestures_and_edits_that_are_not_ticked(server):
-    with connect(server, "ada") as live:
+@either
+def test_groups_gestures_and_edits_that_are_not_ticked(server, backend):
+    with connect(server, "ada", backend) as live:
         stage = live.open_stage("root.usda")
         radius = UsdGeom.Sphere(stage.GetPrimAtPath("/World/Ball")).GetRadiusAttr()
         assert not live.undo() and not live.redo()
@@ -215,8 +225,9 @@ def test_groups_gestures_and_edits_that_are_not_ticked(server):
         assert live.flush()
 
 
-def test_calls_from_wrong_places(server):
-    live = connect(server, "ada")
+@either
+def test_calls_from_wrong_places(server, backend):
+    live = connect(server, "ada", backend)
     live.open_stage("root.usda")
     for call in (live.undo, live.redo, live.undo_stack):
         assert error_elsewhere(call) is not None
@@ -225,15 +236,17 @@ def test_calls_from_wrong_places(server):
         live.undo()
 
 
-def test_a_notice_handler_cannot_undo(project, serve):
+@either
+def test_a_notice_handler_cannot_undo(project, serve, backend):
     (project / "shot.usda").write_text("#usda 1.0\n")
     server = serve(project)
-    with connect(server, "ada") as live:
+    with connect(server, "ada", backend) as live:
         assert "notice handler" in str(refused_in_a_notice(live.undo, live, server))
 
 
-def test_an_event_handler_can_undo(server):
-    with connect(server, "ada") as live:
+@either
+def test_an_event_handler_can_undo(server, backend):
+    with connect(server, "ada", backend) as live:
         stage = live.open_stage("root.usda")
         done = []
         live.add_handler(lambda event: done.append(live.undo()) if isinstance(event, usdlive.events.Committed) and
@@ -243,8 +256,8 @@ def test_an_event_handler_can_undo(server):
         assert live.flush() and stage.GetRootLayer().comment == ""
 
 
-def test_the_undo_of_work_in_a_locked_layer_is_lost_and_can_be_made_again(two):
-    server, ada, bo = two
+def test_the_undo_of_work_in_a_locked_layer_is_lost_and_can_be_made_again(both):
+    server, ada, bo = both
     ada.run("stage.GetRootLayer().comment = 'mine'; live.flush()")
     bo.run("live.lock('root.usda'); live.flush()")
     ada.run("assert live.undo(); live.flush(20)")
@@ -257,8 +270,8 @@ def test_the_undo_of_work_in_a_locked_layer_is_lost_and_can_be_made_again(two):
     assert "mine" not in synced(server, ada, bo)[0]
 
 
-def test_the_stack_survives_a_lost_connection(two):
-    server, ada, bo = two
+def test_the_stack_survives_a_lost_connection(both):
+    server, ada, bo = both
     before = ada.text("root.usda")
     ada.run(FIND + STEPS["value"] + "; live.flush()\n" + STEPS["created"] + "; live.flush()")
     after = ada.text("root.usda")
