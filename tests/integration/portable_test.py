@@ -229,6 +229,20 @@ def test_what_cannot_be_shared_is_reverted_and_reported(served, portable):
     assert "int[] a" in cat(server, "root.usda")
 
 
+@pytest.mark.parametrize("version", [OLDEST, NEWEST])
+def test_a_layer_that_an_own_edit_names_is_opened(served, portable, project, version):
+    server = served()
+    (project / "deep").mkdir()
+    editor = portable(server, version, "ada")
+    editor.run("made = live.create_layer('deep/other.usdc'); Sdf.PrimSpec(made, 'Other', Sdf.SpecifierDef).kind = 'prop'\n"
+               "assert live.flush(); live.close_layer('deep/other.usdc'); del made")
+    later = portable(server, version, "bo")
+    later.run("stage.DefinePrim('/Uses').GetReferences().AddReference('./deep/other.usdc', '/Other'); assert live.flush()")
+    for one in (later, editor):
+        one.run("assert live.wait(lambda: (prim := stage.GetPrimAtPath('/Uses')) and Usd.ModelAPI(prim).GetKind() == 'prop', 20)")
+        assert one.run("result = live.opened_layer('deep/other.usdc').permissionToEdit")
+
+
 def test_a_big_array_arrives(served, portable):
     server = served()
     old, fast, new = (portable(server, version, f"user{version}") for version in (OLDEST, BUILT_FOR, NEWEST))

@@ -18,6 +18,8 @@ _PATH_LISTS = {"targetPaths": "targetPathList", "connectionPaths": "connectionPa
 _TYPES = {"bool": 1, "unsigned char": 2, "int": 3, "unsigned int": 4, "long": 5, "unsigned long": 6, "int64_t": 5, "uint64_t": 6,
           "pxr_half::half": 7, "GfHalf": 7, "float": 8, "double": 9, "string": values.STRING, "TfToken": values.TOKEN,
           "vector<TfToken, allocator<TfToken> >": values.TOKENS, "vector<string, allocator<string> >": values.STRINGS}
+# The fields that name other layers.
+_ARCS = ("subLayers", "references", "payload")
 _field_types: dict[tuple[type, str], str] = {}
 
 Refuse = typing.Callable[[str, str, str], None]
@@ -39,6 +41,23 @@ def _type_of(spec: Sdf.Spec, field: str) -> str:
 def is_known(spec: Sdf.Spec, field: str) -> bool:
     """Whether this OpenUSD knows the field for such a spec."""
     return _type_of(spec, field) not in ("", "void") or field in ("default", "timeSamples", "displayUnit")
+
+
+def child_names(spec: Sdf.Spec, field: str) -> list[str]:
+    """The names of children, by the field that lists them. The lists that a spec has, such as `nameChildren`, cost ten
+    times as much."""
+    return spec.GetInfo(field)
+
+
+def named_assets(data: bytes) -> set[str]:
+    """The asset paths in an encoded field that names layers."""
+    _, lists = values.decoded_list(data)
+    return {item[0] if isinstance(item, tuple) else item.assetPath for items in lists for item in items}
+
+
+def assets_of(fields: dict[str, bytes]) -> set[str]:
+    """The asset paths of layers in these fields."""
+    return set().union(*(named_assets(fields[field]) for field in _ARCS if field in fields))
 
 
 class Memory:
@@ -80,6 +99,7 @@ class Reader:
         self._exact = True
         self._specs: list[Spec] = []
         self._read: set[str] = set()
+        self.assets: set[str] = set()  # the paths of layers that were read
 
     def all(self, exact: bool) -> list[Spec]:
         """Reads the whole layer. `exact`: also finds that only the type of an entry of a dictionary has changed, which takes
@@ -105,26 +125,29 @@ class Reader:
         if path in self._read:
             return
         self._read.add(path)
-        children = self._layer.rootPrims if kind == ROOT else prim.nameChildren
-        properties = () if kind == ROOT else prim.properties
-        sets = () if kind == ROOT else prim.variantSets
-        names = [one.name for one in properties]
-        self._add(prim, path, kind, [child.name for child in children], names, [one.name for one in sets])
+        children = child_names(prim, "primChildren")
+        properties = () if kind == ROOT else child_names(prim, "properties")
+        sets = () if kind == ROOT else child_names(prim, "variantSetChildren")
+        self._add(prim, path, kind, children, properties, sets)
         below = "" if kind == ROOT else path
-        for one, name in zip(properties, names):
-            self._add(one, f"{below}.{name}", ATTRIBUTE if isinstance(one, Sdf.AttributeSpec) else RELATIONSHIP)
+        for name in properties:
+            at = f"{below}.{name}"
+            one = self._layer.GetObjectAtPath(at)
+            self._add(one, at, ATTRIBUTE if isinstance(one, Sdf.AttributeSpec) else RELATIONSHIP)
         separator = "" if kind == VARIANT else "/"
-        for child in children:
-            at = f"{below}{separator}{child.name}"
+        for name in children:
+            at = f"{below}{separator}{name}"
             if deep or not self._is_held(at):
-                self._prim(child, at, PRIM, deep=True)
-        for variants in sets:
-            self._add(variants, f"{below}{{{variants.name}=}}", VARIANT_SET,
-                      variants=[variant.name for variant in variants.variants])
-            for variant in variants.variants:
-                at = f"{below}{{{variants.name}={variant.name}}}"
+                self._prim(self._layer.GetObjectAtPath(at), at, PRIM, deep=True)
+        for name in sets:
+            at = f"{below}{{{name}=}}"
+            one = self._layer.GetObjectAtPath(at)
+            variants = child_names(one, "variantChildren")
+            self._add(one, at, VARIANT_SET, variants=variants)
+            for variant in variants:
+                at = f"{below}{{{name}={variant}}}"
                 if deep or not self._is_held(at):
-                    self._prim(variant.primSpec, at, VARIANT, deep=True)
+                    self._prim(object_at(self._layer, at), at, VARIANT, deep=True)
 
     def _add(self, spec: Sdf.Spec, path: str, kind: int, prims: typing.Sequence[str] = (), properties: typing.Sequence[str] = (),
              sets: typing.Sequence[str] = (), variants: typing.Sequence[str] = ()) -> None:
@@ -134,6 +157,8 @@ class Reader:
                 continue
             try:
                 fields[field] = self._field(spec, path, field)
+                if field in _ARCS:
+                    self.assets |= named_assets(fields[field])
             except Unsupported as error:
                 self._refuse(path, field, str(error))
             except (TypeError, Tf.ErrorException) as error:
@@ -191,6 +216,44 @@ class Writer:
     def __init__(self, layer: Sdf.Layer, memory: Memory):
         self._layer, self._memory = layer, memory
         self._late: dict[str, dict[str, bytes | None]] = {}  # fields of attributes that have no type yet
+        self._made: dict[str, typing.Any] = {"/": layer}
+
+    def fill(self, content: typing.Iterable[tuple[str, int, dict[str, bytes]]]) -> set[str]:
+        """Makes all specs in a layer that has none. Returns the asset paths of the layers that it uses."""
+        assets: set[str] = set()
+        for path, kind, fields in content:
+            spec, written = self._make(path, kind, fields)
+            if spec is None:
+                continue
+            if kind != ROOT:
+                self._made[path] = spec
+            for field in fields.keys() - written:
+                write(spec, path, field, fields[field], self._memory)
+            assets |= assets_of(fields)
+        return assets
+
+    def _make(self, path: str, kind: int, fields: dict[str, bytes]) -> tuple[typing.Any, set[str]]:
+        """Creates a spec. Returns it, or None if this OpenUSD cannot express it, and the fields that it then has."""
+        if kind == ROOT:
+            return self._layer.pseudoRoot, set()
+        owner, name = self._made.get(_session.parent_of(path)), _session.name_of(path)
+        if owner is None:
+            return None, set()
+        if kind == PRIM:
+            type_name = _text(fields["typeName"]) if "typeName" in fields else ""
+            return Sdf.PrimSpec(owner, name, _decoded(fields, "specifier", Sdf.SpecifierOver), type_name), {"specifier", "typeName"}
+        if kind == VARIANT_SET:
+            return Sdf.VariantSetSpec(owner, name), set()
+        if kind == VARIANT:
+            return Sdf.VariantSpec(owner, name).primSpec, set()
+        custom, variability = _decoded(fields, "custom", False), _decoded(fields, "variability", Sdf.VariabilityVarying)
+        if kind == RELATIONSHIP:
+            return Sdf.RelationshipSpec(owner, name, custom, _decoded(fields, "variability", Sdf.VariabilityUniform)), {
+                "custom", "variability"}
+        type_of_value = Sdf.ValueTypeNames.Find(_text(fields["typeName"])) if "typeName" in fields else None
+        if not type_of_value:
+            return None, set()
+        return Sdf.AttributeSpec(owner, name, type_of_value, variability, custom), {"typeName", "custom", "variability"}
 
     def create(self, path: str, kind: int) -> None:
         if object_at(self._layer, path) is not None:
@@ -254,9 +317,7 @@ class Writer:
     def _siblings(self, path: str, spec: Sdf.Spec) -> list[str]:
         above = _session.parent_of(path)
         owner = self._layer if above == "/" else object_at(self._layer, above)
-        if isinstance(spec, Sdf.PropertySpec):
-            return [one.name for one in owner.properties]
-        return [one.name for one in (owner.rootPrims if above == "/" else owner.nameChildren)]
+        return child_names(owner.pseudoRoot if above == "/" else owner, "properties" if isinstance(spec, Sdf.PropertySpec) else "primChildren")
 
     def _apply(self, *edits: tuple[str, str, int]) -> bool:
         batch = Sdf.BatchNamespaceEdit()
@@ -285,6 +346,10 @@ class Writer:
             return False
         Sdf.AttributeSpec(owner, _session.name_of(path), kind)
         return True
+
+
+def _decoded(fields: dict[str, bytes], field: str, otherwise: typing.Any) -> typing.Any:
+    return values.decode(fields[field]) if field in fields else otherwise
 
 
 def _text(data: bytes) -> str:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import collections
+import functools
+import math
 import os
 import pathlib
+import tempfile
 import time
 import typing
 import warnings
@@ -15,11 +18,14 @@ from .. import _session, events
 from .._connection import Connection
 from .._errors import Error
 from . import values
-from ._content import Memory, Reader, Writer, object_at, stays, write
+from ._content import Memory, Reader, Writer, assets_of, child_names, object_at, stays, write
 
 _SILENCE = 30.0  # seconds without an answer
 _NAMESPACE = ("move", "place")
-_SLICE = 50  # prims of a layer that one tick compares beside those that stages have named
+_SLICE = 4  # prims that are compared together, beside those that stages have named
+_SWEEP = 0.001  # seconds of each tick for such a comparison
+_SEAL = 0.05  # seconds for it where the editor's edits are to be complete
+_SMALL = 1_000  # a layer of so many specs is compared at once
 
 
 class NotInPortable(Error, AttributeError):
@@ -32,6 +38,8 @@ class _LiveLayer:
     def __init__(self, name: str, layer: Sdf.Layer):
         self.name, self.layer, self.memory = name, layer, Memory()
         self.filled = self.dirty = self.again = False
+        self.size = 0  # specs, when it was filled
+        self.named: set[str] = set()  # the files that it uses, relative to the project
         self.hints: set[str] = set()  # paths of prims and variants that stages have seen a change of
         self.sweep: typing.Iterator[list[str]] | None = None  # the comparison of all, in slices
         layer.SetPermissionToEdit(False)
@@ -42,20 +50,22 @@ class _LiveLayer:
     def end(self) -> None:
         self.layer.SetPermissionToEdit(False)
 
-    def next_slice(self) -> list[str]:
-        """The prims and variants to compare next. A write during a sweep begins another one after it."""
-        if self.sweep is None and self.dirty:
+    def begin_sweep(self) -> None:
+        """A write during a sweep begins another one after it."""
+        if self.sweep is None:
             self.sweep = self.slices()
-        elif self.dirty:
+        else:
             self.again = True
-        found: list[str] = []
-        while self.sweep is not None and len(found) < _SLICE:
+
+    def next_slice(self) -> list[str]:
+        """The prims and variants to compare next; empty at the end of the sweep."""
+        while self.sweep is not None:
             part = next(self.sweep, None)
-            found += part or []
-            if part is None:
-                self.sweep = self.slices() if self.again else None
-                self.again = False
-        return found
+            if part is not None:
+                return part
+            self.sweep = self.slices() if self.again else None
+            self.again = False
+        return []
 
     def end_sweep(self) -> None:
         self.sweep, self.again = None, False
@@ -72,10 +82,10 @@ class _LiveLayer:
                     continue
                 below = "" if path == "/" else path
                 separator = "" if path.endswith("}") else "/"
-                children = self.layer.rootPrims if path == "/" else spec.nameChildren
-                waiting += [f"{below}{separator}{child.name}" for child in children]
-                for variants in () if path == "/" else spec.variantSets:
-                    waiting += [f"{below}{{{variants.name}={variant.name}}}" for variant in variants.variants]
+                waiting += [f"{below}{separator}{name}" for name in child_names(spec, "primChildren")]
+                for name in () if path == "/" else child_names(spec, "variantSetChildren"):
+                    variants = self.layer.GetObjectAtPath(f"{below}{{{name}=}}")
+                    waiting += [f"{below}{{{name}={variant}}}" for variant in child_names(variants, "variantChildren")]
 
 
 class _Notices:
@@ -133,10 +143,12 @@ class PortableLive(Connection):
         client = _session.Session(url, user, application, named, timeout * 1000.0, cache_mib << 20, token)
         super().__init__(client, url)
         self._folder = pathlib.Path(os.path.realpath(client.cache_folder))
+        self._make_places(self.layers())
         self._layers: dict[str, _LiveLayer] = {}
         self._notices = _Notices(self._layers)
         self._answers: dict[int, events.Event | None] = {}
         self._failed: dict[str, events.JoinFailed] = {}
+        self._happened: list[events.Event] = []  # for the handlers
         self._ticking = False
         self._gestures = 0  # open ones, each inside the one before
 
@@ -190,15 +202,15 @@ class PortableLive(Connection):
         """Sends one's own edits, applies received edits, and calls the handlers. Returns True if more is left for the next
         tick. The session works for about `budget_ms`. Edits that a stage of this process shows are sent at once; others in
         a big layer when the comparison of the whole layer, which ticks do in slices, has come to them. `flush()` sends all."""
-        return self._tick(budget_ms, whole=False)
+        return self._tick(budget_ms, _SWEEP)
 
-    def _tick(self, budget_ms: float, whole: bool, call: typing.Callable[[], None] | None = None) -> bool:
+    def _tick(self, budget_ms: float, patience: float, call: typing.Callable[[], None] | None = None) -> bool:
         """`call` is made after the editor's edits were captured, and before received ones are applied."""
         if self._ticking:
             return False  # called by a notice handler
         self._ticking = True
         try:
-            self._capture(whole)
+            self._capture(patience)
             if call is not None:
                 call()
             more = self._client.advance(budget_ms)
@@ -211,9 +223,10 @@ class PortableLive(Connection):
         return more or any(live.sweep is not None for live in self._layers.values())
 
     def _take_events(self) -> list[events.Event]:
-        happened = [events._from_dictionary(one) for one in self._client.take_events()]
-        for event in happened:
+        self._happened += [events._from_dictionary(one) for one in self._client.take_events()]
+        for event in list(self._happened):
             self._note(event)
+        happened, self._happened = self._happened, []
         return happened
 
     def _notify(self, happened: list[events.Event]) -> None:
@@ -225,26 +238,26 @@ class PortableLive(Connection):
 
     def flush(self, timeout: float = 10.0) -> bool:
         """Calls `tick()` until all own edits are committed. Returns False after `timeout` seconds."""
-        self._tick(4.0, whole=True)
+        self._tick(4.0, math.inf)
         return self.wait(lambda: self.pending == 0, timeout)
 
     def begin_gesture(self) -> None:
         self._may_wait()
         self._gestures += 1
         if self._gestures == 1:
-            self._tick(0.0, whole=True)  # earlier writes do not belong to it
+            self._tick(0.0, _SEAL)  # earlier writes do not belong to it
             self._client.begin_gesture()
 
     def end_gesture(self) -> None:
         self._may_wait()
         if self._gestures == 1:
-            self._tick(0.0, whole=True)
+            self._tick(0.0, _SEAL)
             self._client.end_gesture()
         self._gestures = max(0, self._gestures - 1)
 
     def _seal(self) -> None:
         if not self._ticking:
-            self._capture(whole=True)
+            self._capture(_SEAL)
 
     def _take_back(self, undo_or_redo: str) -> dict:
         self._may_wait()
@@ -257,7 +270,7 @@ class PortableLive(Connection):
             except Error as error:
                 refused.append(error)
 
-        self._tick(0.0, whole=True, call=take_back)
+        self._tick(0.0, _SEAL, call=take_back)
         if refused:
             raise refused[0]
         return results[0]
@@ -283,13 +296,13 @@ class PortableLive(Connection):
     # -- unsent and lost work
 
     def _unsent_as_layer(self, work: str, layer: str) -> Sdf.Layer:
-        return _layer_of(self._client.unsent_as_layer(work, layer, _name_of_type))
+        return _layer_of(self._client.unsent_as_layer(work, layer, _name_of_type))[0]
 
     def lost_work_as_layer(self, index: int, layer: str) -> Sdf.Layer:
         """Returns refused or dropped work as an anonymous layer (M12): number `index` (see `events.Lost`) on `layer`. A
         value that cannot be shared is kept as text in the custom data of its spec (`lost:FIELD`; of the root in
         `customLayerData`). All lost work can be read until the connection is closed."""
-        return _layer_of(self._client.lost_work_as_layer(index, layer, _name_of_type))
+        return _layer_of(self._client.lost_work_as_layer(index, layer, _name_of_type))[0]
 
     def close(self, timeout: float = 5.0) -> events.Unsent | None:
         """Leaves the project when all own edits are committed, or after `timeout` seconds. Returns None, or the
@@ -318,37 +331,60 @@ class PortableLive(Connection):
         if name not in self.layers():
             raise Error("layerNotFound", f"the project has no layer {name}")
         self._failed.pop(name, None)
+        self._make_places([name])
         self._layers[name] = _LiveLayer(name, self._placeholder(name))
         self._client.open(name)
 
     def _placeholder(self, name: str) -> Sdf.Layer:
-        """The layer of this process, at the place that other layers name by a relative path. Its file has no content."""
-        path = self.identifier(name)
-        layer = Sdf.Layer.Find(path)
-        if layer is None and not os.path.exists(path):
-            os.makedirs(os.path.dirname(path), exist_ok=True)
-            layer = Sdf.Layer.CreateNew(path)
-        layer = layer or Sdf.Layer.FindOrOpen(path)
+        """The layer of this process, at the place that other layers name by a relative path."""
+        try:
+            layer = Sdf.Layer.FindOrOpen(self.identifier(name))
+        except Tf.ErrorException:
+            layer = None
         if layer is None:
-            raise Error("invalidArgument", f"cannot make the file {path}. Name a cache folder that can be written")
+            raise Error("invalidArgument", f"this OpenUSD cannot open {self.identifier(name)}: it does not know the format, or the "
+                                           "cache folder cannot be read")
         return layer
 
-    def _used(self, live: _LiveLayer) -> list[str]:
-        """The layers of the project that a layer names."""
-        names, project = [], set(self.layers())
-        for asset in live.layer.GetCompositionAssetDependencies():
+    def _make_places(self, names: typing.Iterable[str]) -> None:
+        """Makes files without content for layers of the project, so that OpenUSD finds those that the editor names."""
+        for name in names:
+            place = self._folder / name
+            content = _empty_file(place.suffix)
+            if content is None or place.exists():
+                continue
+            try:
+                place.parent.mkdir(parents=True, exist_ok=True)
+                place.write_bytes(content)
+            except OSError as error:
+                raise Error("invalidArgument", f"cannot make the file {place}: {error.strerror}. Name a cache folder that can be "
+                                               "written") from None
+
+    def _name(self, live: _LiveLayer, assets: typing.Iterable[str]) -> None:
+        """Notes the files that a layer uses, and opens the layers of the project among them."""
+        names = set()
+        for asset in assets:
             place = os.path.normpath(os.path.join(os.path.dirname(live.layer.realPath), asset.split(":SDF_FORMAT_ARGS:")[0]))
-            name = os.path.relpath(place, self._folder).replace(os.sep, "/")
-            if name in project:
-                names.append(name)
-        return names
+            if asset:
+                names.add(os.path.relpath(place, self._folder).replace(os.sep, "/"))
+        live.named |= names
+        if names:
+            self._open_used(names)
+
+    def _open_used(self, names: typing.Iterable[str]) -> None:
+        for name in set(self.layers()).intersection(names) - self._failed.keys():
+            try:
+                self._open(name)
+            except Error as error:
+                self._failed[name] = events.JoinFailed(name, error.code, error.message)
+                self._happened.append(self._failed[name])
 
     def _is_whole(self, name: str, seen: set[str]) -> bool:
         seen.add(name)
         live = self._layers.get(name)
         if live is None or not live.filled:
             return name in self._failed
-        return all(other in seen or self._is_whole(other, seen) for other in self._used(live))
+        return all(other in seen or other not in self._layers or self._is_whole(other, seen) for other in live.named)
 
     def _forget(self, name: str) -> None:
         live = self._layers.pop(name, None)
@@ -385,6 +421,12 @@ class PortableLive(Connection):
             self._answers[request] = event
         if isinstance(event, events.JoinFailed):
             self._failed[event.layer] = event
+        if isinstance(event, events.Connected):
+            self._make_places(self.layers())
+        if isinstance(event, events.LayersChanged):
+            self._make_places(event.added)
+            for live in list(self._layers.values()):
+                self._open_used(live.named.intersection(event.added))
         if isinstance(event, (events.Connected, events.RightsChanged)):
             for live in self._layers.values():
                 if live.filled:
@@ -392,23 +434,33 @@ class PortableLive(Connection):
 
     # -- what the editor wrote
 
-    def _capture(self, whole: bool = False) -> None:
-        """`whole`: compares all layers that were written, and leaves nothing to later ticks."""
-        for live in self._layers.values():
+    def _capture(self, patience: float) -> None:
+        """Compares what stages have named, then the rest of the layers that were written, for `patience` seconds. What is
+        left is compared by later ticks."""
+        for live in list(self._layers.values()):
             if live.filled and (live.dirty or live.sweep is not None):
-                self._capture_layer(live, whole)
+                self._capture_layer(live, patience)
         self._client.submit()
 
-    def _capture_layer(self, live: _LiveLayer, whole: bool) -> None:
+    def _capture_layer(self, live: _LiveLayer, patience: float) -> None:
         refused: dict[tuple[str, str], str] = {}
         reader = Reader(live.layer, live.memory, lambda path: self._client.has(live.name, path),
                         lambda path, field, why: refused.update({(path, field): why}))
-        if whole or live.dirty and not live.hints:
+        whole = patience == math.inf
+        if whole or live.dirty and live.size <= _SMALL and not live.hints:
             seen = reader.all(exact=not whole)
+            live.size = len(seen)
             live.end_sweep()
         else:
-            reader.at(live.hints, exact=True)
-            seen = reader.at(live.next_slice(), exact=False)
+            seen = reader.at(live.hints, exact=True)
+            if live.dirty:
+                live.begin_sweep()
+            end = time.perf_counter() + patience
+            while part := live.next_slice():
+                seen = reader.at(part, exact=False)
+                if time.perf_counter() > end:
+                    break
+        self._name(live, reader.assets)
         live.dirty = False
         live.hints.clear()
 
@@ -439,16 +491,19 @@ class PortableLive(Connection):
         if not changes:
             return
         if changes[0][0] == "replaced":
-            self._fill(live)
-        else:
-            with _Applying(live, self._notices):
-                _write_changes(live, changes)
-        for name in self._used(live):
-            self._open(name)
+            return self._fill(live)
+        # Before OpenUSD looks for them.
+        self._name(live, set().union(*(assets_of({change[2]: change[3]}) for change in changes
+                                       if change[0] == "field" and change[3] is not None)))
+        with _Applying(live, self._notices):
+            _write_changes(live, changes)
 
     def _fill(self, live: _LiveLayer) -> None:
         live.memory.clear()
-        scratch = _layer_of(self._client.content(live.name), os.path.splitext(live.name)[1], live.memory)
+        content = self._client.content(live.name)
+        scratch, assets = _layer_of(content, os.path.splitext(live.name)[1], live.memory)
+        live.size = len(content)
+        self._name(live, assets)
         with _Applying(live, self._notices):
             live.layer.TransferContent(scratch)
         live.filled, live.dirty = True, False
@@ -457,18 +512,25 @@ class PortableLive(Connection):
         live.layer.SetPermissionToEdit(self._client.may_write(live.name))
 
 
+@functools.cache
+def _empty_file(extension: str) -> bytes | None:
+    """The bytes of a layer's file without content; None if this OpenUSD cannot write such files."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = pathlib.Path(folder, "empty").with_suffix(extension)
+        try:
+            Sdf.Layer.CreateAnonymous(extension).Export(str(path))
+        except Tf.ErrorException:
+            return None
+        return path.read_bytes() if path.exists() else None
+
+
 def _layer_of(content: list[tuple[str, int, dict[str, bytes]]], extension: str = ".usda",
-              memory: Memory | None = None) -> Sdf.Layer:
-    """Returns an anonymous layer with this content."""
+              memory: Memory | None = None) -> tuple[Sdf.Layer, set[str]]:
+    """Returns an anonymous layer with this content, and the asset paths of the layers that it uses."""
     layer = Sdf.Layer.CreateAnonymous(extension)
-    writer = Writer(layer, Memory() if memory is None else memory)
     with Sdf.ChangeBlock():
-        for path, kind, fields in content:
-            if path != "/":
-                writer.create(path, kind)
-            for field, data in fields.items():
-                writer.field(path, field, data)
-    return layer
+        assets = Writer(layer, Memory() if memory is None else memory).fill(content)
+    return layer, assets
 
 
 def _name_of_type(data: bytes) -> str:
