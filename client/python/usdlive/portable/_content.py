@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 import typing
 
@@ -23,6 +24,12 @@ _ARCS = ("subLayers", "references", "payload")
 _field_types: dict[tuple[type, str], str] = {}
 
 Refuse = typing.Callable[[str, str, str], None]
+
+
+# The fields that nearly each spec has, and whose values many specs have, with the types that Python does not tell.
+_COMMON = {"specifier": None, "variability": None, "custom": None, "typeName": values.TOKEN}
+_encoded = functools.lru_cache(4096, typed=True)(values.encode)
+_value_type_of = functools.cache(_session.value_type_of)
 
 
 def object_at(layer: Sdf.Layer, path: str) -> Sdf.Spec | None:
@@ -169,8 +176,10 @@ class Reader:
         if field == "subLayers":
             return values.encode_sublayers(zip(self._layer.subLayerPaths, self._layer.subLayerOffsets))
         value = spec.GetInfo(field)
+        if field in _COMMON:
+            return _encoded(value, _COMMON[field])
         if field in ("default", "timeSamples"):
-            number = _session.value_type_of(str(spec.GetInfo("typeName")))
+            number = _value_type_of(str(spec.GetInfo("typeName")))
             if field == "timeSamples":
                 return values.encode_samples(value, number)
             if isinstance(value, dict):

@@ -62,6 +62,8 @@ _BY_CLASS |= {many: number | ARRAY for number, many in _TEXT_ARRAYS.items() if m
 _BY_CLASS |= {_TIME_CODE: TIME_CODE, _TIME_CODES: TIME_CODE | ARRAY, Sdf.AssetPath: ASSET, Sdf.PathExpression: EXPRESSION,
               Sdf.Path: PATH, Sdf.Specifier: SPECIFIER, Sdf.Variability: VARIABILITY, Sdf.Permission: PERMISSION,
               Sdf.Reference: REFERENCE, Sdf.Payload: PAYLOAD, Sdf.OpaqueValue: OPAQUE}
+_PYTHON = {bool: 1, int: 3, float: 9, str: STRING}
+_BLOCKS = (Sdf.ValueBlock, Sdf.AnimationBlock) if hasattr(Sdf, "AnimationBlock") else (Sdf.ValueBlock,)
 _ENUMS = {SPECIFIER: (Sdf.SpecifierDef, Sdf.SpecifierOver, Sdf.SpecifierClass),
           VARIABILITY: (Sdf.VariabilityVarying, Sdf.VariabilityUniform),
           PERMISSION: (Sdf.PermissionPublic, Sdf.PermissionPrivate)}
@@ -304,15 +306,13 @@ def is_list_op(value: object) -> bool:
 
 
 def _encoded(value: object, number: int | None, types: dict | None) -> tuple[int, bytes]:
+    number = _BY_CLASS.get(type(value), number)
     if isinstance(value, dict):
         return DICTIONARY, _encoded_dictionary(value, types or {})
-    if isinstance(value, Sdf.ValueBlock):
-        return BLOCK, b""
-    if hasattr(Sdf, "AnimationBlock") and isinstance(value, Sdf.AnimationBlock):
-        return ANIMATION_BLOCK, b""
-    number = _BY_CLASS.get(type(value), number)
+    if isinstance(value, _BLOCKS):
+        return BLOCK if isinstance(value, Sdf.ValueBlock) else ANIMATION_BLOCK, b""
     if number is None:
-        number = {bool: 1, int: 3, float: 9, str: STRING}.get(type(value))
+        number = _PYTHON.get(type(value))
     if number is None:
         raise Unsupported(f"a value of class {type(value).__name__} cannot be shared by this backend")
     try:
