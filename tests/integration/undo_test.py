@@ -118,9 +118,9 @@ def test_a_step_is_undone_and_redone_exactly(step, two):
     bo.run("check_stage()")
 
 
-@pytest.mark.parametrize("offline", [False, True])
-def test_all_steps_are_undone_and_redone_exactly(offline, both):
-    server, ada, bo = both
+@pytest.mark.parametrize("offline, backend", [(False, "fast"), (True, "fast"), (True, "portable")])
+def test_all_steps_are_undone_and_redone_exactly(offline, backend, server, editor):
+    ada, bo = editor(server, "ada", "root.usda", backend), editor(server, "bo", "root.usda")
     layers = ("root.usda", "over.usda")
     before = [ada.text(layer) for layer in layers]
     if offline:
@@ -153,8 +153,8 @@ def test_what_a_colleague_has_written_since_is_kept_and_named(both):
     assert "double radius = 7" in text and "1: 10" in text
 
 
-def test_a_deleted_prim_returns_with_what_a_colleague_did_before(both):
-    server, ada, bo = both
+def test_a_deleted_prim_returns_with_what_a_colleague_did_before(two):
+    server, ada, bo = two
     bo.run(FIND + "ball.GetAttribute('radius').Set(7.0); live.flush()")  # ada has not seen it
     ada.run("stage.RemovePrim('/World/Ball'); live.flush()")
     assert "Ball" not in synced(server, ada, bo)[0].split("def ")[2]
