@@ -1,5 +1,5 @@
 """Work that the server has not acknowledged survives the death of the editor (kill -9), and is committed
-once.
+once; with both backends in turn.
 
 USDLIVE_JOURNAL_KILLS: how often the editor is killed.
 """
@@ -25,7 +25,7 @@ EDITOR = """
 import sys, time
 import usdlive
 from pxr import Sdf, Vt
-live = usdlive.connect(sys.argv[1], user="ada")
+live = usdlive.connect(sys.argv[1], user="ada", backend=sys.argv[3])
 layer = live.open_layer("shot.usda")
 number = int(sys.argv[2])
 print("ready", flush=True)
@@ -77,7 +77,7 @@ def test_an_editor_that_is_killed_loses_nothing(project, serve):
     server = serve(project)
     line, next_number, found, committed_before = Line(server), 0, 0, 0
     for kill in range(KILLS):
-        editor = subprocess.Popen([sys.executable, "-c", EDITOR, server.url, str(next_number)],
+        editor = subprocess.Popen([sys.executable, "-c", EDITOR, server.url, str(next_number), ("fast", "portable")[kill % 2]],
                                   stdout=subprocess.PIPE, text=True)
         assert editor.stdout.readline() == "ready\n"
         time.sleep(chance.uniform(0, 0.2))
