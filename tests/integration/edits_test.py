@@ -87,9 +87,10 @@ def test_layers_that_are_no_longer_live_refuse_edits(project, server):
     edit(own)  # a file of this machine, which the editor may save
 
 
-def test_layers_of_a_connection_that_was_collected_refuse_edits(server):
+@pytest.mark.parametrize("backend", ["fast", "portable"])
+def test_layers_of_a_connection_that_was_collected_refuse_edits(server, backend):
     def opened():
-        return connect(server, "ada").open_stage("shot.usda")
+        return connect(server, "ada", backend).open_stage("shot.usda")
 
     with pytest.warns(RuntimeWarning, match="was not closed, .* refuse edits"):
         stage = opened()
@@ -97,7 +98,7 @@ def test_layers_of_a_connection_that_was_collected_refuse_edits(server):
     assert refuses(stage)
 
     def edited():
-        live = connect(server, "ada")
+        live = connect(server, "ada", backend)
         edit(live.open_stage("shot.usda"))
 
     with pytest.warns(RuntimeWarning, match="was not closed"):

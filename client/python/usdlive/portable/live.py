@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+import contextlib
 import functools
 import math
 import os
@@ -322,6 +323,15 @@ class PortableLive(Connection):
         self._client.close()
         self._notify(happened)
         return self._left(unsent)
+
+    def __del__(self) -> None:
+        super().__del__()
+        if self.__dict__.get("_process") != os.getpid() or "_gestures" not in self.__dict__ or self.closed:
+            return
+        with contextlib.suppress(Error):  # it belongs to another thread
+            self._capture(math.inf)  # the journal keeps it
+        for live in self._layers.values():
+            live.end()
 
     # -- opening
 
