@@ -40,7 +40,7 @@ ALLOWED = {
     "client/transport": [*COMMON_PLAIN, "common/transport", "common/dds", "common/net", "common/fetch", "client/session"],
     "client/basics": COMMON_PLAIN,
     "client/values": [*COMMON_PLAIN, "client/session", "client/basics"],
-    "client/link": [*COMMON_PLAIN, "common/net", *CLIENT_PLAIN[:3]],
+    "client/link": [*COMMON_PLAIN, "common/fetch", "common/net", *CLIENT_PLAIN[:3]],
     "client/work": [*COMMON_PLAIN, *CLIENT_PLAIN[:5]],
     "client/history": [*COMMON_PLAIN, "common/access", "common/history", "client/session"],
     # Layers and stages of any editor, without a connection.

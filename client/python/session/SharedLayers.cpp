@@ -6,14 +6,11 @@
 #include <utility>
 
 #include "basics/Clocks.h"
-#include "link/OwnName.h"
+#include "link/Destination.h"
 #include "transport/Connection.h"
 #include "usdlive/common/core/ClientSecret.h"
 #include "usdlive/common/core/Thread.h"
-#include "usdlive/common/fetch/Join.h"
 #include "usdlive/common/layer/MatchedSpecs.h"
-#include "usdlive/common/net/Invitation.h"
-#include "usdlive/common/protocol/CheckedControl.h"
 #include "work/SparseLayer.h"
 
 namespace usdlive::client {
@@ -61,28 +58,12 @@ SharedLayers::SharedLayers(Settings settings, ProcessFolder folder, fs::path cac
 
 Result<std::unique_ptr<SharedLayers>> SharedLayers::connect(const std::string& url,
                                                             Settings settings) try {
-    std::string joined;
-    if (isInvitation(url)) {
-        const auto server = parseInvitation(url).and_then(fetch::join);
-        if (!server) return tl::unexpected(server.error());
-        joined = server->url;
-    }
-    auto address = parseServerAddress(joined.empty() ? url : joined);
-    if (!address) return tl::unexpected(address.error());
-    address->token = settings.token;
-    auto user = nameAt(*address, settings.user);
-    if (!user) return tl::unexpected(user.error());
-    settings.user = std::move(user->value);
-    // The server would refuse every connection.
-    Hello hello;
-    hello.user = UserName{settings.user};
-    hello.application = settings.application;
-    if (const auto sent = encodeChecked(hello); !sent)
-        return fail(ErrorCode::InvalidArgument,
-                    "the name of the user (at most 256 bytes) or of the application (at most 64 "
-                    "KiB) cannot be sent: " +
-                        sent.error().message);
-    auto connection = createConnection(*address);
+    auto destination = destinationOf(url, settings.user, settings.token);
+    if (!destination) return tl::unexpected(destination.error());
+    settings.user = destination->user.value;
+    if (auto checked = checkNames(destination->user, settings.application); !checked)
+        return tl::unexpected(checked.error());
+    auto connection = createConnection(destination->address);
     if (!connection) return tl::unexpected(connection.error());
     ProcessFolder own;
     fs::path cache = settings.cacheFolder;
@@ -99,7 +80,7 @@ Result<std::unique_ptr<SharedLayers>> SharedLayers::connect(const std::string& u
                                                         std::move(cache), std::move(*connection),
                                                         newClientSecret()));
     if (auto greeted = made->greet(); !greeted) return tl::unexpected(greeted.error());
-    made->unsent_.start([address = *address] { return createConnection(address); },
+    made->unsent_.start([address = destination->address] { return createConnection(address); },
                         *made->session_->welcome());
     return made;
 } catch (const ThreadRefused& refused) {

@@ -8,7 +8,7 @@
 
 #include "cli/Json.h"
 #include "cli/Text.h"
-#include "link/OwnName.h"
+#include "link/Destination.h"
 
 namespace usdlive::cli {
 

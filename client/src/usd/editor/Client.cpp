@@ -6,7 +6,7 @@
 
 #include "basics/SystemUser.h"
 #include "history/HistorySearch.h"
-#include "link/OwnName.h"
+#include "link/Destination.h"
 #include "session/OwnRights.h"
 #include "transport/Connection.h"
 #include "usd/assets/DynamicPayloads.h"
@@ -16,9 +16,7 @@
 #include "usdlive/common/core/LayerPath.h"
 #include "usdlive/common/core/Thread.h"
 #include "usdlive/common/core/Utf8.h"
-#include "usdlive/common/fetch/Join.h"
 #include "usdlive/common/layer/SpecPath.h"
-#include "usdlive/common/protocol/CheckedControl.h"
 #include "usdlive/common/protocol/Role.h"
 
 namespace usdlive {
@@ -57,20 +55,12 @@ Client::~Client() {
 // --- connecting
 
 Result<std::unique_ptr<Client>> Client::connect(const std::string& url, Options options) {
-    std::string joined;
-    if (isInvitation(url)) {
-        const auto server = parseInvitation(url).and_then(fetch::join);
-        if (!server) return tl::unexpected(server.error());
-        joined = server->url;
-    }
-    auto address = client::parseServerAddress(joined.empty() ? url : joined);
-    if (!address) return tl::unexpected(address.error());
-    address->token = options.token;
-    auto user = client::nameAt(*address, options.user);
-    if (!user) return tl::unexpected(user.error());
-    options.user = std::move(user->value);
+    auto destination = client::destinationOf(url, options.user, options.token);
+    if (!destination) return tl::unexpected(destination.error());
+    options.user = std::move(destination->user.value);
     return ClientInternals::connectBy(
-        [address = *address] { return client::createConnection(address); }, std::move(options));
+        [address = std::move(destination->address)] { return client::createConnection(address); },
+        std::move(options));
 }
 
 Result<std::unique_ptr<Client>> ClientInternals::connectBy(std::unique_ptr<Connection> connection,
@@ -90,15 +80,8 @@ Result<std::unique_ptr<Client>> ClientInternals::make(std::unique_ptr<Connection
                                                       Connector connector,
                                                       Client::Options options) try {
     if (options.user.empty()) options.user = systemUser().value;
-    // The server would refuse every connection.
-    Hello hello;
-    hello.user = UserName{options.user};
-    hello.application = options.application;
-    if (const auto sent = encodeChecked(hello); !sent)
-        return fail(ErrorCode::InvalidArgument,
-                    "the name of the user (at most 256 bytes) or of the application (at most 64 "
-                    "KiB) cannot be sent: " +
-                        sent.error().message);
+    if (auto checked = checkNames(UserName{options.user}, options.application); !checked)
+        return tl::unexpected(checked.error());
     auto folders = ClientFolders::create(options.cacheFolder);
     if (!folders) return tl::unexpected(folders.error());
     std::unique_ptr<Client> made(new Client);
