@@ -68,6 +68,34 @@ std::optional<std::string> placeIn(const LayerDoc& merged, const LayerDoc& commo
     return specpath::replacePrefix(path, parent, *now);
 }
 
+/// Returns the content of `receiver` with the ids of `giver` for the specs that both have: those that
+/// both had in `common`, and those that are at the same place.
+LayerDoc matchedLines(const LayerDoc& common, const LayerDoc& giver, const LayerDoc& receiver) {
+    const auto shared = pathsIn(common), given = pathsIn(giver), own = pathsIn(receiver);
+    LayerDoc::Builder builder;
+    std::unordered_map<NodeId, NodeId> ids{{0, 0}};
+    NodeId next = std::max({common.nextId(), giver.nextId(), receiver.nextId()});
+    const auto idIn = [&](const LayerDoc::SpecView& spec) -> NodeId {
+        if (shared.contains(spec.node) && given.contains(spec.node)) return spec.node;
+        const auto parent = given.find(ids.at(spec.parent));
+        if (parent == given.end()) return 0;
+        const std::string place(spec.path), above = specpath::parent(place);
+        const std::string there = specpath::replacePrefix(place, above, parent->second);
+        const NodeId found = idAt(giver, there);
+        // What was common and the receiver has elsewhere is not this spec.
+        if (found == 0 || giver.kind(there) != spec.kind) return 0;
+        return shared.contains(found) && own.contains(found) ? 0 : found;
+    };
+    receiver.visit([&](const LayerDoc::SpecView& spec) {
+        const NodeId found = idIn(spec);
+        const NodeId node = found != 0 ? found : next++;
+        ids.emplace(spec.node, node);
+        (void)builder.addSpec(node, ids.at(spec.parent), spec.order, spec.kind, spec.name);
+        for (const auto& [name, value] : *spec.fields) (void)builder.addField(node, name, value);
+    });
+    return builder.finish();
+}
+
 /// Returns whether a spec goes away from its place.
 bool leavesPlace(const EditAction& action) {
     return std::holds_alternative<MoveSpec>(action) || std::holds_alternative<DeleteSpec>(action);
@@ -105,10 +133,42 @@ LineMerge::LineMerge(LayerDocs common, Revision revision)
       from_{common_, {}, revision, {}},
       into_{common_, {}, revision, {}} {}
 
-void LineMerge::setInto(const LayerId& layer, const LayerDoc& content) {
-    const auto common = common_.find(layer);
-    if (common == common_.end()) return;
-    into_.docs[layer] = matchedSpecs(common->second, content);
+Result<void> LineMerge::Line::change(const LayerId& layer, const LayerDoc& content) {
+    Commit commit;
+    commit.revision = revision + 1;
+    for (auto& [path, action] : difference(docs.at(layer), content))
+        commit.edits.push_back({layer, {path, {}}, std::move(action), {}});
+    return applyCommit(docs, log, commit);
+}
+
+Result<void> LineMerge::setContent(Side side, const LayerId& layer, const LayerDoc& content) {
+    Line& line = side == Side::From ? from_ : into_;
+    const auto known = line.docs.find(layer);
+    if (known == line.docs.end()) return {};
+    return line.change(layer, matchedSpecs(known->second, content));
+}
+
+Result<void> LineMerge::received(Side side) {
+    Line& receiver = side == Side::From ? from_ : into_;
+    Line& giver = side == Side::From ? into_ : from_;
+    const Line before = receiver;
+    receiver.docs = giver.docs;
+    receiver.log = giver.log = {};
+    receiver.users.clear();
+    giver.users.clear();
+    for (const auto& [layer, given] : giver.docs) {
+        const LayerDoc own = matchedLines(common_.at(layer), given, before.docs.at(layer));
+        if (auto changed = receiver.change(layer, own); !changed) return changed;
+    }
+    for (const auto& [layer, doc] : before.docs) {
+        const auto paths = pathsIn(doc);
+        for (const auto& [spec, user] : before.users)
+            if (const auto path = paths.find(spec.second); spec.first == layer && path != paths.end())
+                receiver.users[{layer, idAt(receiver.docs.at(layer), path->second)}] = user;
+    }
+    common_ = giver.docs;
+    revision_ = into_.revision;
+    return {};
 }
 
 std::vector<LayerId> LineMerge::changed() const {

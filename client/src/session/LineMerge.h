@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "usdlive/client/session/Events.h"
 #include "usdlive/common/layer/TransactionExecutor.h"
 
 namespace usdlive::client {
@@ -43,7 +44,9 @@ enum class Side { Undecided, Into, From };
 /// with the same layers at the same revision. Changes are carried through what the other line has
 /// renamed, moved and deleted since, as the server carries an edit of an earlier revision (M3).
 ///
-/// Add the commits of both lines in order, then call merge(), any number of times. One thread.
+/// Add the commits of both lines in order, then call merge(), any number of times. Where one line has
+/// received what the other one had, by a merge in either direction, call received(): what was known
+/// to both is common from then on. One thread.
 class LineMerge {
 public:
     /// `common`: the layers when the lines parted, at `revision`. A layer that only one line uses
@@ -53,11 +56,18 @@ public:
     /// Error: one of LayerDoc::apply(), if the commit does not follow those before.
     Result<void> addFrom(const Commit& commit) { return from_.add(commit); }
     Result<void> addInto(const Commit& commit) { return into_.add(commit); }
-    /// The layer did not have the common content in the other line, when that began to use it.
-    /// `content`: what it has now.
-    void setInto(const LayerId& layer, const LayerDoc& content);
+    /// Replaces what a line (From or Into) has in a layer now, if its commits do not tell it: it began
+    /// to use the layer with another content, for example. Specs are found again by their paths.
+    /// Error: one of LayerDoc::apply().
+    Result<void> setContent(Side line, const LayerId& layer, const LayerDoc& content);
+    /// The line `receiver` (From or Into) has received all that the other one has now: the commits
+    /// added last to both are the merge and the newest that it has merged. What the other line has
+    /// is common from now on; what the receiver has beside it counts as its own change. Error: one
+    /// of LayerDoc::apply().
+    Result<void> received(Side receiver);
 
     [[nodiscard]] const LayerDocs& into() const { return into_.docs; }
+    [[nodiscard]] const LayerDocs& from() const { return from_.docs; }
     /// Returns the layers that the merged line has changed.
     [[nodiscard]] std::vector<LayerId> changed() const;
 
@@ -82,11 +92,13 @@ private:
         std::map<std::pair<LayerId, NodeId>, UserName> users;  // the last ones who changed a spec
 
         Result<void> add(const Commit& commit);
+        /// Changes a layer to a content, whose ids are those of the layer for the same specs.
+        Result<void> change(const LayerId& layer, const LayerDoc& content);
     };
     class Comparison;
 
-    const LayerDocs common_;
-    const Revision revision_;
+    LayerDocs common_;
+    Revision revision_;  // that of into_ when the lines parted
     Line from_, into_;
 };
 

@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <map>
 #include <set>
 
@@ -336,5 +337,259 @@ TEST(LineMerge, ASpecThatBothHaveRenamed) {
         EXPECT_EQ(result.merged.conflicts.front().what, MergeConflict::What::Moved);
         const std::string name = side == Side::From ? "/World/Sun" : "/World/Moon";
         EXPECT_EQ(numberIn(result.content, name), holding(kNew)) << result.content.dump();
+    }
+}
+
+// ---- lines that are merged several times, in both directions
+
+namespace {
+
+// Two lines with everything that they have received from each other.
+class TwoLines {
+public:
+    struct Line {
+        LayerDoc doc;
+        std::vector<Commit> commits;
+
+        bool edit(const std::string& path, const EditAction& action, const char* user) {
+            const auto applied = doc.apply(path, action, LayerDoc::By::Author);
+            if (!applied || !applied->changed) return false;
+            append({{kLayer, {path, {}}, action, {}}}, user);
+            return true;
+        }
+        void append(std::vector<Edit> edits, const char* user) {
+            Commit commit;
+            commit.revision = commits.size() + 1;
+            commit.user = UserName{user};
+            commit.id.client = ClientId{user};
+            commit.edits = std::move(edits);
+            commits.push_back(std::move(commit));
+        }
+    };
+
+    explicit TwoLines(const LayerDoc& start) : main{start, {}}, session{start, {}}, start_(start) {}
+
+    // Returns what a merge into a line is made of.
+    [[nodiscard]] LineMerge merge(const Line& into) const {
+        const Line& from = &into == &main ? session : main;
+        LineMerge merge({{kLayer, start_}}, 0);
+        std::size_t fromAt = 0, intoAt = 0;
+        const auto goTo = [&](std::size_t fromEnd, std::size_t intoEnd) {
+            for (; fromAt < fromEnd; ++fromAt)
+                EXPECT_TRUE(merge.addFrom(from.commits[fromAt]));
+            for (; intoAt < intoEnd; ++intoAt)
+                EXPECT_TRUE(merge.addInto(into.commits[intoAt]));
+        };
+        for (const auto& [isMain, given, received] : received_) {
+            const bool isInto = isMain == (&into == &main);
+            goTo(isInto ? given : received, isInto ? received : given);
+            const auto done = merge.received(isInto ? Side::Into : Side::From);
+            EXPECT_TRUE(done) << done.error().message;
+        }
+        goTo(from.commits.size(), into.commits.size());
+        return merge;
+    }
+
+    // Brings the other line's changes to a line.
+    LineMerge::Merged bring(Line& into, Side side) {
+        const LineMerge merging = merge(into);
+        EXPECT_EQ(merging.into().at(kLayer).dump(), into.doc.dump());
+        const auto decided = [&](Side counts) {
+            return merging.merge([counts](const MergeConflict& conflict) {
+                return conflict.what == MergeConflict::What::Refused ? Side::Into : counts;
+            });
+        };
+        auto merged = decided(side);
+        // A deleted spec cannot come back where another one is by now.
+        if (!merged && side == Side::From && merged.error().code == ErrorCode::InvalidArgument)
+            merged = decided(Side::Into);
+        EXPECT_TRUE(merged) << merged.error().message;
+        if (!merged) return {};
+        std::vector<Edit> edits;
+        for (const AuthoredEdit& edit : merged->edits) {
+            const auto applied = into.doc.apply(edit.path, edit.action, LayerDoc::By::Author);
+            EXPECT_TRUE(applied) << edit.path << ": " << applied.error().message;
+            edits.push_back({kLayer, {edit.path, {}}, edit.action, {}});
+        }
+        if (!edits.empty()) into.append(std::move(edits), "merger");
+        const Line& from = &into == &main ? session : main;
+        received_.push_back({&into == &main, from.commits.size(), into.commits.size()});
+        return *std::move(merged);
+    }
+
+    Line main, session;
+
+private:
+    struct Received {
+        bool isMain;  // the line that has received
+        std::size_t given, received;
+    };
+    const LayerDoc start_;
+    std::vector<Received> received_;
+};
+
+Side anySide(RandomEdits& random) { return kSides[random.below(2)]; }
+
+}  // namespace
+
+// Whatever both have done and merged, an update and then a merge make them alike.
+TEST(LineMergeProperty, LinesThatHaveReceivedEverythingAreAlike) {
+    std::size_t compared = 0, conflicts = 0;
+    for (unsigned seed = 1; seed <= seedsOf(600); ++seed) {
+        SCOPED_TRACE(seed);
+        RandomEdits random(seed);
+        TwoLines lines(RandomHistory(seed, 0).docs.front());
+        const auto isOdd = [&] {
+            return std::ranges::any_of(std::array{&lines.main.doc, &lines.session.doc},
+                                       [](const LayerDoc* doc) {
+                                           return hasEmptyFields(*doc) || hasRepeatedItems(*doc);
+                                       });
+        };
+        bool wasOdd = isOdd();
+        for (int step = 0; step < 40 && !wasOdd; ++step) {
+            TwoLines::Line& line = random.chance(2) ? lines.main : lines.session;
+            if (random.chance(8)) {
+                conflicts += lines.bring(line, anySide(random)).conflicts.size();
+                ASSERT_FALSE(HasFailure());
+            } else {
+                auto [path, action] = random.edit(line.doc);
+                line.edit(path, action, &line == &lines.main ? "ann" : "bo");
+            }
+            wasOdd = isOdd();
+        }
+        if (wasOdd) continue;
+        (void)lines.bring(lines.session, anySide(random));
+        const auto merged = lines.bring(lines.main, Side::Undecided);
+        ASSERT_FALSE(HasFailure());
+        ASSERT_TRUE(merged.conflicts.empty());
+        ASSERT_EQ(lines.main.doc.dump(), lines.session.doc.dump());
+        for (TwoLines::Line* line : {&lines.main, &lines.session}) {
+            const auto again = lines.bring(*line, Side::Undecided);
+            ASSERT_TRUE(again.edits.empty() && again.conflicts.empty());
+        }
+        ++compared;
+    }
+    EXPECT_GT(compared, seedsOf(600) / 3);
+    EXPECT_GT(conflicts, seedsOf(600) / 2);
+}
+
+// Each line has registers and prims of its own, and both rename what both have. In the end both
+// lines have the last content of each register, and each prim once.
+TEST(LineMergeProperty, NoEditIsLostOrDoubled) {
+    constexpr std::size_t kPrims = 4;
+    for (unsigned seed = 1; seed <= seedsOf(300); ++seed) {
+        SCOPED_TRACE(seed);
+        RandomEdits random(seed);
+        LayerDoc start;
+        ASSERT_TRUE(start.apply("/W", CreateSpec{}));
+        for (std::size_t prim = 0; prim < kPrims; ++prim) {
+            const std::string path = "/W/p" + std::to_string(prim);
+            ASSERT_TRUE(start.apply(path, CreateSpec{}));
+            ASSERT_TRUE(start.apply(path, setInt("name", std::int32_t(prim))));
+        }
+        TwoLines lines(start);
+        std::map<std::int32_t, std::map<std::string, std::int32_t>> wanted;  // by "name"
+        std::int32_t next = 100;
+        const auto nameIn = [](const LayerDoc& doc, const std::string& path) {
+            const FieldValue* const field = doc.field(path, "name");
+            return field ? std::optional(*field) : std::nullopt;
+        };
+        const auto primsIn = [&](const LayerDoc& doc) {
+            std::vector<std::string> all = RandomEdits::paths(doc);
+            std::erase_if(all, [&](const std::string& path) { return !nameIn(doc, path); });
+            return all;
+        };
+        const auto numberOf = [&](const LayerDoc& doc, const std::string& path) {
+            for (std::int32_t number = 0; number <= next; ++number)
+                if (nameIn(doc, path) == FieldValue(intValue(number))) return number;
+            return -1;
+        };
+        for (std::int32_t prim = 0; prim < std::int32_t(kPrims); ++prim) wanted[prim];
+        for (int step = 0; step < 60; ++step) {
+            const bool isMain = random.chance(2);
+            TwoLines::Line& line = isMain ? lines.main : lines.session;
+            const std::string path = random.of(primsIn(line.doc));
+            switch (random.below(8)) {
+                case 0:
+                    (void)lines.bring(line, anySide(random));
+                    break;
+                case 1: {  // a name that nobody else uses
+                    line.edit(path, MoveSpec{{"/W", {}}, "n" + std::to_string(++next)}, "ann");
+                    break;
+                }
+                case 2: {
+                    const std::int32_t number = ++next;
+                    const std::string made = "/W/c" + std::to_string(number);
+                    ASSERT_TRUE(line.edit(made, CreateSpec{}, "ann"));
+                    ASSERT_TRUE(line.edit(made, setInt("name", number), "ann"));
+                    wanted[number];
+                    break;
+                }
+                default: {
+                    const std::string field = isMain ? "ofMain" : "ofSession";
+                    ASSERT_TRUE(line.edit(path, setInt(field, ++next), "ann"));
+                    wanted[numberOf(line.doc, path)][field] = next;
+                }
+            }
+            ASSERT_FALSE(HasFailure());
+        }
+        (void)lines.bring(lines.session, anySide(random));
+        (void)lines.bring(lines.main, anySide(random));
+        ASSERT_FALSE(HasFailure());
+        for (const TwoLines::Line* line : {&lines.main, &lines.session}) {
+            ASSERT_EQ(primsIn(line->doc).size(), wanted.size()) << line->doc.dump();
+            for (const std::string& path : primsIn(line->doc))
+                for (const auto& [field, number] : wanted.at(numberOf(line->doc, path))) {
+                    const FieldValue* const held = line->doc.field(path, field);
+                    ASSERT_TRUE(held && *held == holding(number)) << path << " " << field;
+                }
+        }
+    }
+}
+
+// What was brought is neither a conflict nor taken back by later merges.
+TEST(LineMerge, AMergeAfterAnUpdateBringsTheSessionsChangesOnly) {
+    TwoLines lines(scene());
+    ASSERT_TRUE(lines.session.edit("/World/Ball", setInt("number", kNew), "bo"));
+    ASSERT_TRUE(lines.main.edit("/World/Gone", setInt("number", kMain), "ann"));
+    ASSERT_EQ(lines.bring(lines.session, Side::Undecided).edits.size(), 1u);
+    EXPECT_EQ(numberIn(lines.session.doc, "/World/Gone"), holding(kMain));
+    const auto merged = lines.bring(lines.main, Side::Undecided);
+    ASSERT_EQ(merged.edits.size(), 1u);
+    EXPECT_EQ(merged.edits.front().path, "/World/Ball");
+    ASSERT_TRUE(lines.main.edit("/World/Ball", setInt("number", kOld), "ann"));
+    EXPECT_TRUE(lines.bring(lines.main, Side::From).edits.empty()) << "the session is unchanged";
+    EXPECT_EQ(numberIn(lines.main.doc, "/World/Ball"), holding(kOld));
+    ASSERT_TRUE(lines.bring(lines.session, Side::Undecided).conflicts.empty());
+    EXPECT_EQ(numberIn(lines.session.doc, "/World/Ball"), holding(kOld));
+}
+
+TEST(LineMerge, ASpecThatWasMergedIsFollowedWhereItIsRenamed) {
+    TwoLines lines(scene());
+    ASSERT_TRUE(lines.main.edit("/World/Ball", named("Globe"), "ann"));
+    ASSERT_TRUE(lines.session.edit("/World/New", CreateSpec{}, "bo"));
+    (void)lines.bring(lines.main, Side::Undecided);
+    ASSERT_TRUE(lines.main.edit("/World/New", named("Newer"), "ann"));
+    ASSERT_TRUE(lines.session.edit("/World/New", setInt("number", kNew), "bo"));
+    ASSERT_TRUE(lines.session.edit("/World/Ball/Dot", setInt("number", kNew), "bo"));
+    const auto merged = lines.bring(lines.main, Side::Undecided);
+    EXPECT_TRUE(merged.conflicts.empty());
+    EXPECT_EQ(numberIn(lines.main.doc, "/World/Newer"), holding(kNew));
+    EXPECT_EQ(numberIn(lines.main.doc, "/World/Globe/Dot"), holding(kNew));
+    (void)lines.bring(lines.session, Side::Undecided);
+    EXPECT_EQ(lines.main.doc.dump(), lines.session.doc.dump());
+}
+
+TEST(LineMerge, ADecisionIsNotAskedForAgain) {
+    for (const Side side : kSides) {
+        TwoLines lines(scene());
+        ASSERT_TRUE(lines.session.edit("/World/Ball", setInt("number", kNew), "bo"));
+        ASSERT_TRUE(lines.main.edit("/World/Ball", setInt("number", kMain), "ann"));
+        ASSERT_EQ(lines.bring(lines.main, side).conflicts.size(), 1u);
+        ASSERT_TRUE(lines.bring(lines.main, Side::Undecided).conflicts.empty());
+        ASSERT_TRUE(lines.bring(lines.session, Side::Undecided).conflicts.empty());
+        const auto both = holding(side == Side::From ? kNew : kMain);
+        EXPECT_EQ(numberIn(lines.main.doc, "/World/Ball"), both);
+        EXPECT_EQ(numberIn(lines.session.doc, "/World/Ball"), both);
     }
 }
