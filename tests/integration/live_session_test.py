@@ -428,3 +428,178 @@ def test_the_page_shows_a_session(project, serve, tmp_path):
             page.close()
             assert gateway.stop() == 0
     assert "Idea" not in cat(server, "root.usda")
+
+
+def radius(layer) -> float:
+    return layer.GetAttributeAtPath("/World/Ball.radius").default
+
+
+def number(layer) -> int:
+    return layer.GetAttributeAtPath("/World.number").default
+
+
+UPDATE = ("session", "update")
+NOTHING = {"update": "nothing to be updated", "merge": "nothing to be merged"}
+
+
+def nothing(server, verb: str, *options: str) -> bool:
+    return NOTHING[verb] in run("session", verb, server.url, "dusk", *options)
+
+
+def test_lv7_an_update_brings_the_main_lines_changes(project, serve):
+    server = serve(project)
+    with connect(server, "ada") as ada:
+        layer = ada.open_layer("root.usda")
+        assert ada.flush(20)
+        run("session", "create", server.url, "dusk")
+        with join(server, "dusk", "bo") as bo:
+            idea = bo.open_layer("root.usda")
+            idea.GetAttributeAtPath("/World/Ball.radius").default = 7
+            moved(layer, "/World/Ball", "/World/Globe")
+            layer.GetAttributeAtPath("/World.number").default = 3
+            layer.GetAttributeAtPath("/World.points").default = Vt.Vec3fArray(BIG, Gf.Vec3f(1, 2, 3))
+            ada.create_layer("new.usda")
+            Sdf.CreatePrimInLayer(ada.open_layer("new.usda"), "/New").specifier = Sdf.SpecifierDef
+            assert bo.flush(20) and ada.flush(20)
+            dry = json.loads(run(*UPDATE, server.url, "dusk", "--dry-run", "--json"))
+            assert (dry["conflicts"], dry["dropped"], dry["dryRun"], "revision" in dry) == ([], 0, True, False)
+            assert {edit["layer"] for edit in dry["edits"]} == {"root.usda", "new.usda"}
+            done = json.loads(run(*UPDATE, server.url, "dusk", "--json"))
+            assert done["conflicts"] == [] and done["revision"] > 0
+            assert bo.wait(lambda: idea.GetPrimAtPath("/World/Globe") and number(idea) == 3, 20)
+            assert idea.GetAttributeAtPath("/World/Globe.radius").default == 7
+            points = idea.GetAttributeAtPath("/World.points")
+            assert bo.wait(lambda: points.default and len(points.default) == BIG, 20)
+        assert "New" in run("cat", f"{server.url}/new.usda?session=dusk")
+        assert "Update from the main line" in run("log", at(server, "dusk"))
+        assert nothing(server, "update")
+        assert "radius = 1" in cat(server, "root.usda"), "the main line is as it was"
+        # Only what the session has changed itself is merged.
+        merged = json.loads(run(*MERGE, server.url, "dusk", "--json"))
+        assert [edit["path"] for edit in merged["edits"]] == ["/World/Globe.radius"]
+
+
+def test_lv7_what_was_merged_twice_is_neither_a_conflict_nor_taken_back(project, serve):
+    server = serve(project)
+    with connect(server, "ada") as ada:
+        layer = ada.open_layer("root.usda")
+        assert ada.flush(20)
+        run("session", "create", server.url, "dusk")
+        with join(server, "dusk", "bo") as bo:
+            idea = bo.open_layer("root.usda")
+            idea.GetAttributeAtPath("/World/Ball.radius").default = 7
+            layer.GetAttributeAtPath("/World.number").default = 3
+            Sdf.CreatePrimInLayer(idea, "/World/New").specifier = Sdf.SpecifierDef
+            assert bo.flush(20) and ada.flush(20)
+            run(*UPDATE, server.url, "dusk")
+            run(*MERGE, server.url, "dusk", "--keep")
+            assert ada.wait(lambda: radius(layer) == 7 and layer.GetPrimAtPath("/World/New"), 20)
+            # The main line goes on: the session, which has not changed it since, takes nothing back.
+            layer.GetAttributeAtPath("/World/Ball.radius").default = 1
+            moved(layer, "/World/New", "/World/Newer")
+            assert ada.flush(20)
+            assert nothing(server, "merge", "--keep")
+            # A change of what was merged finds it under its new name.
+            idea.GetPrimAtPath("/World/New").typeName = "Cube"
+            assert bo.flush(20)
+            run(*MERGE, server.url, "dusk", "--keep")
+            assert ada.wait(lambda: layer.GetPrimAtPath("/World/Newer").typeName == "Cube", 20)
+            assert radius(layer) == 1 and not layer.GetPrimAtPath("/World/New")
+            run(*UPDATE, server.url, "dusk")
+            assert bo.wait(lambda: radius(idea) == 1 and idea.GetPrimAtPath("/World/Newer"), 20)
+            # Both change the same again: that is a conflict, with the contents since the last merge.
+            idea.GetAttributeAtPath("/World/Ball.radius").default = 8
+            layer.GetAttributeAtPath("/World/Ball.radius").default = 9
+            assert bo.flush(20) and ada.flush(20)
+            for verb in ("merge", "update"):
+                said = json.loads(run("session", verb, server.url, "dusk", "--dry-run", "--json"))
+                [one] = said["conflicts"]
+                assert [one[side]["value"] if isinstance(one[side], dict) else one[side]
+                        for side in ("before", "main", "session")] == [1, 9, 8]
+                assert (one["mainUser"], one["sessionUser"]) == ("ada", "bo")
+            assert "1 conflict is not decided" in refused(*UPDATE, server.url, "dusk")
+            run(*UPDATE, server.url, "dusk", "--take", "main", "--session", "/World/Ball")
+            assert radius(idea) == 8 and nothing(server, "update")
+            run(*MERGE, server.url, "dusk")
+            assert ada.wait(lambda: radius(layer) == 8, 20), "the decision is not asked for again"
+            assert cat(server, "root.usda") == run("cat", f"{server.url}/root.usda") != ROOT
+
+
+def test_lv7_a_decision_for_the_line_that_receives_is_kept(project, serve):
+    """Nothing is committed then, and it counts all the same."""
+    server = serve(project)
+    with connect(server, "ada") as ada:
+        layer = ada.open_layer("root.usda")
+        assert ada.flush(20)
+        run("session", "create", server.url, "dusk")
+        with join(server, "dusk", "bo") as bo:
+            bo.open_layer("root.usda").GetAttributeAtPath("/World.number").default = 2
+            layer.GetAttributeAtPath("/World.number").default = 3
+            assert bo.flush(20) and ada.flush(20)
+        assert "nothing to be merged" in run(*MERGE, server.url, "dusk", "--keep", "--take", "main")
+        assert nothing(server, "merge", "--keep")
+        run(*UPDATE, server.url, "dusk")
+        assert "int number = 3" in run("cat", f"{server.url}/root.usda?session=dusk")
+
+
+def test_lv7_a_noted_merge_counts_if_it_was_committed(project, serve):
+    """A merge notes itself before it commits. What has no commit was not done."""
+    server = serve(project)
+    run("session", "create", server.url, "dusk")
+    with join(server, "dusk", "bo") as bo:
+        bo.open_layer("root.usda").GetAttributeAtPath("/World.number").default = 2
+        assert bo.flush(20)
+    head = json.loads(run("log", at(server, "dusk"), "--json").splitlines()[0])["revision"]
+    note = f"/sessions/dusk/note-merge?target=main&from={head}&into=0&client=nobody&known="
+    assert posted(server, note + "0")[0] == 200
+    code, body = posted(server, note + "0")
+    assert code == 409 and "meanwhile" in body
+    for wrong in ("target=both", "from=x", "known=-1", "client=" + "x" * 201):
+        assert posted(server, f"/sessions/dusk/note-merge?{wrong}")[0] == 400, wrong
+    assert posted(server, note.replace("dusk", "none") + "1")[0] == 404
+    run(*MERGE, server.url, "dusk")
+    assert "int number = 2" in cat(server, "root.usda")
+
+
+def test_lv1_a_session_from_a_former_revision(project, serve):
+    server = serve(project)
+    with connect(server, "ada") as ada:
+        layer = ada.open_layer("root.usda")
+        layer.GetAttributeAtPath("/World.number").default = 1
+        assert ada.flush(20)
+        run("checkpoint", server.url, "approved", "--user", "ada")
+        layer.GetAttributeAtPath("/World.number").default = 2
+        moved(layer, "/World/Gone", "")
+        moved(layer, "/World/Ball", "/World/Globe")
+        Sdf.CreatePrimInLayer(layer, "/World/Later").specifier = Sdf.SpecifierDef
+        ada.create_layer("later.usda")
+        Sdf.CreatePrimInLayer(ada.open_layer("later.usda"), "/Later").specifier = Sdf.SpecifierDef
+        assert ada.flush(20)
+        before = cat(server, "root.usda")
+        assert "no revision 999" in refused("session", "create", server.url, "dusk", "--from", "999")
+        assert "no checkpoint 'no'" in refused("session", "create", server.url, "dusk", "--from", "no")
+        assert posted(server, "/sessions/dusk/create?from=999")[0] == 409
+        assert listed(server) == {}
+        run("session", "create", server.url, "dusk", "--from", "approved")
+        text = run("cat", f"{server.url}/root.usda?session=dusk")
+        assert "number = 1" in text and "Ball" in text and "Gone" in text and "Later" not in text
+        assert "Later" not in run("cat", f"{server.url}/later.usda?session=dusk")
+        checkpoints = run("checkpoints", server.url)
+        assert f"#{listed(server)['dusk']['revision']}" in checkpoints, checkpoints
+        # The later changes of the main line are its own: they are neither taken back nor conflicts.
+        assert nothing(server, "merge", "--keep")
+        with join(server, "dusk", "bo") as bo:
+            idea = bo.open_layer("root.usda")
+            idea.GetAttributeAtPath("/World/Ball.radius").default = 7
+            assert bo.flush(20)
+            run(*MERGE, server.url, "dusk", "--keep")
+            assert ada.wait(lambda: layer.GetAttributeAtPath("/World/Globe.radius").default == 7, 20)
+            assert cat(server, "root.usda").replace("radius = 7", "radius = 1") == before
+            run(*UPDATE, server.url, "dusk")
+            assert bo.wait(lambda: idea.GetPrimAtPath("/World/Later") and number(idea) == 2, 20)
+            assert not idea.GetPrimAtPath("/World/Gone") and idea.GetPrimAtPath("/World/Globe")
+        assert run("cat", f"{server.url}/root.usda?session=dusk") == cat(server, "root.usda")
+        assert "Later" in run("cat", f"{server.url}/later.usda?session=dusk")
+    server.stop()
+    server.start()
+    assert run("cat", f"{server.url}/root.usda?session=dusk") == cat(server, "root.usda")

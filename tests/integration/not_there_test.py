@@ -121,7 +121,8 @@ WORDS = {
     "revert": [["99999"], ["1-99999"], ["1", "--layer", NONE]], "restore": [["none"], ["1", NONE]],
     "mute": [[NONE, "shot.usda"], ["shot.usda", NONE]],
     "unmute": [[NONE, "shot.usda"], ["shot.usda", NONE]], "lock": [[NONE], ["locked.usda", NONE]],
-    "unlock": [[NONE], ["locked.usda", NONE]], "session": [[verb, NONE] for verb in ("end", "restore", "delete", "merge")],
+    "unlock": [[NONE], ["locked.usda", NONE]], "session": [[verb, NONE] for verb in ("end", "restore", "delete", "merge", "update")]
+    + [["create", "dusk", "--from", NONE]],
     "help": [["nothing"]], "completion": [["nothing"]]}
 WITHOUT_NAMES = {"ls", "who", "checkpoints", "checkpoint", "compact", "stat", "serve", "forget", "join", "user", "access",
                  "grant", "deny", "revoke", "audit", "backup", "login", "page"}

@@ -19,7 +19,7 @@ FOLDERS = ["common", "server", "client", "plugins", "tests", "bench"]
 COMMON_PLAIN = ["common/core", "common/layer", "common/protocol"]
 # The client without OpenUSD. None of these includes one after it.
 CLIENT_PLAIN = ["client/session", "client/transport", "client/basics", "client/values", "client/link", "client/work",
-                "client/history"]
+                "client/history", "client/lines"]
 SERVER_EDGES = ["server/transport", "server/storage", "server/files"]
 ALLOWED = {
     **{area: COMMON_PLAIN for area in COMMON_PLAIN},
@@ -43,6 +43,7 @@ ALLOWED = {
     "client/link": [*COMMON_PLAIN, "common/fetch", "common/net", *CLIENT_PLAIN[:3]],
     "client/work": [*COMMON_PLAIN, *CLIENT_PLAIN[:5]],
     "client/history": [*COMMON_PLAIN, "common/access", "common/history", "client/session"],
+    "client/lines": [*COMMON_PLAIN, *CLIENT_PLAIN[:5], "client/history"],
     # Layers and stages of any editor, without a connection.
     "client/usd/content": ["common/", "client/session", "client/usd"],
     "client/usd/schema": ["common/"],

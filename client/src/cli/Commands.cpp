@@ -14,12 +14,12 @@
 #include <optional>
 #include <set>
 
-#include "cli/Authoring.h"
 #include "cli/Json.h"
 #include "cli/Link.h"
 #include "cli/Reach.h"
 #include "cli/Terminal.h"
 #include "cli/Text.h"
+#include "lines/LineEdits.h"
 #include "usdlive/common/fetch/IssuerSignIn.h"
 #include "usdlive/common/fetch/Join.h"
 #include "usdlive/common/layer/GlobalMuteness.h"

@@ -478,10 +478,10 @@ private:
         auto take = std::make_shared<std::string>();
         const std::string usage =
             "usdlive session list [URL], or usdlive session "
-            "create|end|restore|delete|merge [URL] NAME";
+            "create|end|restore|delete|merge|update [URL] NAME";
         const auto read = [take, usage](Words words, SessionOptions& into) {
-            const std::set<std::string> verbs{"list",    "create", "end",
-                                              "restore", "delete", "merge"};
+            const std::set<std::string> verbs{"list",   "create", "end",   "restore",
+                                              "delete", "merge",  "update"};
             const auto url = std::ranges::find_if(words, looksLikeAddress);
             Words server;
             if (url != words.end()) {
@@ -498,27 +498,35 @@ private:
             if (into.verb != "list") into.name = words.back();
             refuseAddress(into.name, usage, "one URL is enough");
             into.target = serverOnly(server, usage);
-            if (*take == "main") into.take = client::Side::Into;
-            if (*take == "session") into.take = client::Side::From;
-            const bool hasMergeOptions = !take->empty() || into.dryRun || into.keep ||
-                                         !into.mainPaths.empty() || !into.sessionPaths.empty();
-            if (into.verb != "merge" && hasMergeOptions)
-                usageError("only merge has these options: " + usage);
+            if (*take == "main") into.take = client::Take::Main;
+            if (*take == "session") into.take = client::Take::Session;
+            const bool hasMergeOptions = !take->empty() || into.dryRun || !into.mainPaths.empty() ||
+                                         !into.sessionPaths.empty();
+            if (into.verb != "merge" && into.verb != "update" && hasMergeOptions)
+                usageError("only merge and update have these options: " + usage);
+            if (into.verb != "merge" && into.keep)
+                usageError("only merge has the option --keep: " + usage);
+            if (into.verb != "create" && !into.from.empty())
+                usageError("only create has the option --from: " + usage);
         };
-        auto* verb =
-            add("session", "Create, list, merge and end live sessions",
-                "list|create|end|restore|delete|merge [URL] [NAME]", options, read, liveSession);
+        auto* verb = add("session", "Create, list, merge, update and end live sessions",
+                         "list|create|end|restore|delete|merge|update [URL] [NAME]", options, read,
+                         liveSession);
+        verb->add_option("--from", options->from,
+                         "create: from this revision or checkpoint of the main line")
+            ->type_name("REVISION|CHECKPOINT");
         verb->add_flag("--dry-run", options->dryRun,
-                       "merge: print what would be done, and do nothing");
+                       "merge, update: print what would be done, and do nothing");
         verb->add_option("--take", *take,
-                         "merge: what counts where both have changed something:\n"
+                         "merge, update: what counts where both have changed something:\n"
                          "main or session")
             ->check(CLI::IsMember({"main", "session"}))
             ->type_name("LINE");
-        verb->add_option("--main", options->mainPaths, "merge: take main at this spec and below it")
+        verb->add_option("--main", options->mainPaths,
+                         "merge, update: take main at this spec and below it")
             ->type_name("PATH");
         verb->add_option("--session", options->sessionPaths,
-                         "merge: take the session at this spec and below it")
+                         "merge, update: take the session at this spec and below it")
             ->type_name("PATH");
         verb->add_flag("--keep", options->keep, "merge: do not end the live session");
     }

@@ -10,10 +10,10 @@
 #include <set>
 #include <utility>
 
-#include "cli/Authoring.h"
 #include "cli/Json.h"
 #include "cli/Reach.h"
 #include "cli/Text.h"
+#include "lines/LineEdits.h"
 #include "session/Reversal.h"
 
 namespace usdlive::cli {

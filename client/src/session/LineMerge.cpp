@@ -68,8 +68,8 @@ std::optional<std::string> placeIn(const LayerDoc& merged, const LayerDoc& commo
     return specpath::replacePrefix(path, parent, *now);
 }
 
-/// Returns the content of `receiver` with the ids of `giver` for the specs that both have: those that
-/// both had in `common`, and those that are at the same place.
+/// Returns the content of `receiver` with the ids of `giver` for the specs that both have: those
+/// that both had in `common`, and those that are at the same place.
 LayerDoc matchedLines(const LayerDoc& common, const LayerDoc& giver, const LayerDoc& receiver) {
     const auto shared = pathsIn(common), given = pathsIn(giver), own = pathsIn(receiver);
     LayerDoc::Builder builder;
@@ -82,7 +82,7 @@ LayerDoc matchedLines(const LayerDoc& common, const LayerDoc& giver, const Layer
         const std::string place(spec.path), above = specpath::parent(place);
         const std::string there = specpath::replacePrefix(place, above, parent->second);
         const NodeId found = idAt(giver, there);
-        // What was common and the receiver has elsewhere is not this spec.
+        // A common spec that the receiver has elsewhere is another one.
         if (found == 0 || giver.kind(there) != spec.kind) return 0;
         return shared.contains(found) && own.contains(found) ? 0 : found;
     };
@@ -163,7 +163,8 @@ Result<void> LineMerge::received(Side side) {
     for (const auto& [layer, doc] : before.docs) {
         const auto paths = pathsIn(doc);
         for (const auto& [spec, user] : before.users)
-            if (const auto path = paths.find(spec.second); spec.first == layer && path != paths.end())
+            if (const auto path = paths.find(spec.second);
+                spec.first == layer && path != paths.end())
                 receiver.users[{layer, idAt(receiver.docs.at(layer), path->second)}] = user;
     }
     common_ = giver.docs;

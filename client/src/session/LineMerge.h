@@ -44,9 +44,9 @@ enum class Side { Undecided, Into, From };
 /// with the same layers at the same revision. Changes are carried through what the other line has
 /// renamed, moved and deleted since, as the server carries an edit of an earlier revision (M3).
 ///
-/// Add the commits of both lines in order, then call merge(), any number of times. Where one line has
-/// received what the other one had, by a merge in either direction, call received(): what was known
-/// to both is common from then on. One thread.
+/// Add the commits of both lines in order, then call merge(), any number of times. Where one line
+/// has received what the other one had, by a merge in either direction, call received(): what was
+/// known to both is common from then on. One thread.
 class LineMerge {
 public:
     /// `common`: the layers when the lines parted, at `revision`. A layer that only one line uses
@@ -56,9 +56,9 @@ public:
     /// Error: one of LayerDoc::apply(), if the commit does not follow those before.
     Result<void> addFrom(const Commit& commit) { return from_.add(commit); }
     Result<void> addInto(const Commit& commit) { return into_.add(commit); }
-    /// Replaces what a line (From or Into) has in a layer now, if its commits do not tell it: it began
-    /// to use the layer with another content, for example. Specs are found again by their paths.
-    /// Error: one of LayerDoc::apply().
+    /// Replaces what a line (From or Into) has in a layer now, if its commits do not tell it: it
+    /// began to use the layer with another content, for example. Specs are found again by their
+    /// paths. Error: one of LayerDoc::apply().
     Result<void> setContent(Side line, const LayerId& layer, const LayerDoc& content);
     /// The line `receiver` (From or Into) has received all that the other one has now: the commits
     /// added last to both are the merge and the newest that it has merged. What the other line has

@@ -37,10 +37,25 @@ std::string encodedName(const std::string& name) {
 }
 
 ListedLiveSession listed(const Json& object) {
-    return {valueIn<std::string>(object, "name"),  valueIn<std::string>(object, "creator"),
-            valueIn<std::int64_t>(object, "time"), valueIn<Revision>(object, "revision"),
-            valueIn<bool>(object, "ended"),        valueIn<Revision>(object, "merged"),
-            valueIn<std::string>(object, "error")};
+    ListedLiveSession one{
+        valueIn<std::string>(object, "name"),  valueIn<std::string>(object, "creator"),
+        valueIn<std::int64_t>(object, "time"), valueIn<Revision>(object, "revision"),
+        valueIn<Revision>(object, "begin"),    valueIn<bool>(object, "ended"),
+        valueIn<Revision>(object, "merged"),   valueIn<std::string>(object, "error")};
+    const auto merges = object.find("merges");
+    if (merges == object.end() || !merges->is_array()) return one;
+    for (const Json& merge : *merges)
+        if (merge.is_object())
+            one.merges.push_back({valueIn<std::string>(merge, "target") == "main",
+                                  valueIn<Revision>(merge, "from"),
+                                  valueIn<Revision>(merge, "into"),
+                                  {valueIn<std::string>(merge, "client")},
+                                  std::chrono::milliseconds(valueIn<std::int64_t>(merge, "age"))});
+    return one;
+}
+
+std::string changePath(const std::string& name, std::string_view verb, const UserName& user) {
+    return "/" + encodedName(name) + "/" + std::string(verb) + "?user=" + encodedName(user.value);
 }
 
 Result<Json> ask(const ServerAddress& server, const std::string& rest, bool isPost,
@@ -55,9 +70,10 @@ Result<Json> ask(const ServerAddress& server, const std::string& rest, bool isPo
         (main.project.empty() ? "" : "/" + percentEncoded(main.project)) + "/sessions" + rest;
     fetch::HttpLimits limits{timeout, timeout, timeout, timeout};
     limits.bodyBytes = kMostAnswerBytes;
-    const auto answer = fetch::getFromServer(
-        {.origin = {main.host, main.port, main.isSecure}, .target = path, .isPost = isPost},
-        limits);
+    fetch::HttpRequest request{
+        .origin = {main.host, main.port, main.isSecure}, .target = path, .isPost = isPost};
+    if (!main.token.empty()) request.headers.emplace_back("Authorization", "Bearer " + main.token);
+    const auto answer = fetch::getFromServer(std::move(request), limits);
     if (!answer)
         return fail(ErrorCode::NotConnected,
                     "cannot reach " + main.url() + ": " + answer.error().cause);
@@ -103,13 +119,25 @@ Result<std::vector<ListedLiveSession>> listLiveSessions(const ServerAddress& ser
 
 Result<ListedLiveSession> changeLiveSession(const ServerAddress& server, const std::string& name,
                                             std::string_view verb, const UserName& user,
-                                            std::chrono::milliseconds timeout, Revision merged) {
-    std::string rest =
-        "/" + encodedName(name) + "/" + std::string(verb) + "?user=" + encodedName(user.value);
-    if (merged > 0) rest += "&merged=" + std::to_string(merged);
+                                            std::chrono::milliseconds timeout,
+                                            Revision mainRevision) {
+    std::string rest = changePath(name, verb, user);
+    if (mainRevision > 0)
+        rest += (verb == "create" ? "&from=" : "&merged=") + std::to_string(mainRevision);
     const auto body = ask(server, rest, true, timeout);
     if (!body) return tl::unexpected(body.error());
     return listed(*body);
+}
+
+Result<void> noteMerge(const ServerAddress& server, const std::string& name, const UserName& user,
+                       const NotedMerge& merge, std::size_t known,
+                       std::chrono::milliseconds timeout) {
+    const std::string rest =
+        changePath(name, "note-merge", user) +
+        "&target=" + (merge.isIntoMain ? "main" : "session") +
+        "&from=" + std::to_string(merge.from) + "&into=" + std::to_string(merge.into) +
+        "&client=" + encodedName(merge.client.value) + "&known=" + std::to_string(known);
+    return ask(server, rest, true, timeout).map([](const Json&) {});
 }
 
 }  // namespace usdlive::client

@@ -1,6 +1,7 @@
 // Chooses the encryption, the token and the advice for a server of usdlive.
 #include "usdlive/common/fetch/UsdliveServer.h"
 
+#include <algorithm>
 #include <cerrno>
 
 #include "usdlive/common/fetch/IssuerSignIn.h"
@@ -20,6 +21,9 @@ Fetched<void> prepare(HttpRequest& request, const std::function<bool()>& isStopp
     if (!server) return failed(server.error().message);
     request.trust = origin.isSecure ? Trust::FirstUse : Trust::Known;
     if (*server && (*server)->isTls) origin.isSecure = true;
+    if (std::ranges::any_of(request.headers,
+                            [](const auto& header) { return header.first == "Authorization"; }))
+        return {};
     const auto authorization =
         authorizationFor(origin.host, origin.port, origin.isSecure, isStopped);
     if (!authorization) return failed(authorization.error().message);

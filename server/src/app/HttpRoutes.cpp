@@ -53,13 +53,23 @@ bool startsPath(std::string_view path, std::string_view part) {
     return path.starts_with(part) && (path.size() == part.size() || path[part.size()] == '/');
 }
 
-/// The query of a request that changes a live session: `user=NAME&merged=REVISION`.
+/// Reads a whole number into one of the types of a query.
+template <class Number>
+bool isRead(const std::string& text, Number& number) {
+    const char* const end = text.data() + text.size();
+    const auto [stop, error] = std::from_chars(text.data(), end, number);
+    return error == std::errc() && stop == end;
+}
+
+/// The query of a request that changes a live session (LV4): `user=NAME&merged=REVISION`.
 struct SessionQuery {
     std::string user;
-    Revision merged = 0;
+    LiveSessions::Wanted wanted;
 };
 std::optional<SessionQuery> queryOf(std::string_view query) {
+    constexpr std::size_t kMostClientBytes = 200;
     SessionQuery read;
+    LiveSessions::Wanted& wanted = read.wanted;
     while (!query.empty()) {
         const std::string_view one = query.substr(0, query.find('&'));
         query.remove_prefix(std::min(one.size() + 1, query.size()));
@@ -67,16 +77,28 @@ std::optional<SessionQuery> queryOf(std::string_view query) {
         const auto value = percentDecoded(one.substr(std::min(equals + 1, one.size())));
         const std::string_view key = one.substr(0, equals);
         if (!value) return std::nullopt;
+        bool isValid = false;
         if (key == "user") {
             read.user = *value;
+            isValid = true;
+        } else if (key == "client") {
+            wanted.merge.client = {*value};
+            isValid = value->size() <= kMostClientBytes;
+        } else if (key == "target") {
+            wanted.merge.isIntoMain = *value == "main";
+            isValid = wanted.merge.isIntoMain || *value == "session";
         } else if (key == "merged") {
-            const char* const end = value->data() + value->size();
-            const auto [stop, error] = std::from_chars(value->data(), end, read.merged);
-            if (error != std::errc() || stop != end) return std::nullopt;
-        } else {
-            return std::nullopt;
+            isValid = isRead(*value, wanted.merged);
+        } else if (key == "from") {
+            isValid = isRead(*value, wanted.from);
+        } else if (key == "into") {
+            isValid = isRead(*value, wanted.merge.into);
+        } else if (key == "known") {
+            isValid = isRead(*value, wanted.known);
         }
+        if (!isValid) return std::nullopt;
     }
+    wanted.merge.from = wanted.from;
     return read;
 }
 
@@ -136,7 +158,7 @@ std::optional<HttpRoute> HttpRoutes::liveSessions(const HttpTarget& target, cons
     if (rest.empty()) return HttpRoute(liveSessions_.list(*project));
     const std::size_t slash = rest.find('/', 1);
     const auto liveSession = percentDecoded(rest.substr(1, slash - 1));
-    const auto query = queryOf(target.query);
+    auto query = queryOf(target.query);
     if (slash == std::string_view::npos || !liveSession || !query)
         return HttpReply{"text/plain", "POST to sessions/NAME/VERB\n", kBadRequest};
     LiveSessions::Asking asking{{query->user}, Role::Admin, std::string(target.peer)};
@@ -146,8 +168,9 @@ std::optional<HttpRoute> HttpRoutes::liveSessions(const HttpTarget& target, cons
         if (!here.user.value.empty()) asking.user = here.user;
         asking.role = here.role;
     }
-    return liveSessions_.change(
-        *project, {*liveSession, std::string(rest.substr(slash + 1)), query->merged}, asking);
+    query->wanted.name = *liveSession;
+    query->wanted.verb = rest.substr(slash + 1);
+    return liveSessions_.change(*project, query->wanted, asking);
 }
 
 HttpRoute HttpRoutes::route(const HttpTarget& target) {

@@ -11,6 +11,7 @@
 #include "usdlive/common/core/Utf8.h"
 #include "usdlive/server/app/CopiedFolder.h"
 #include "usdlive/server/app/Faults.h"
+#include "usdlive/server/project/RestoredLayers.h"
 
 namespace usdlive::server {
 
@@ -26,11 +27,20 @@ constexpr const char* kRecord = "session.json";
 constexpr mode_t kReadable = 0644;
 
 std::string textOf(const LiveSessionRecord& record) {
+    Json merges = Json::array();
+    for (const LineMergeRecord& one : record.merges)
+        merges.push_back({{"intoMain", one.isIntoMain},
+                          {"from", one.from},
+                          {"into", one.into},
+                          {"client", one.client.value},
+                          {"time", one.timeMs}});
     const Json json{{"creator", record.creator.value},
                     {"time", record.timeMs},
                     {"revision", record.revision},
+                    {"begin", record.begin},
                     {"ended", record.isEnded},
-                    {"merged", record.merged}};
+                    {"merged", record.merged},
+                    {"merges", merges}};
     return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
 }
 
@@ -40,10 +50,18 @@ std::optional<LiveSessionRecord> recordIn(const fs::path& folder) {
     const Json json = Json::parse(text, nullptr, false);
     if (!json.is_object()) return std::nullopt;
     try {
-        return LiveSessionRecord{
+        LiveSessionRecord record{
             folder.filename().string(),          {json.at("creator").get<std::string>()},
             json.at("time").get<std::int64_t>(), json.at("revision").get<Revision>(),
-            json.at("ended").get<bool>(),        json.at("merged").get<Revision>()};
+            json.at("begin").get<Revision>(),    json.at("ended").get<bool>(),
+            json.at("merged").get<Revision>()};
+        for (const Json& one : json.at("merges"))
+            record.merges.push_back({one.at("intoMain").get<bool>(),
+                                     one.at("from").get<Revision>(),
+                                     one.at("into").get<Revision>(),
+                                     {one.at("client").get<std::string>()},
+                                     one.at("time").get<std::int64_t>()});
+        return record;
     } catch (const Json::exception&) {
         return std::nullopt;
     }
@@ -68,20 +86,27 @@ private:
     const fs::path path_;
 };
 
-/// Gives the copied store an identity of its own. Its layers are saved as they are: a live session
-/// has no files. Returns its newest revision.
-Result<Revision> takeOver(const fs::path& folder, RocksCommitStoreOptions options) {
+/// Gives the copied store an identity of its own, and the content of the revision from which the
+/// live session is. Its layers are saved as they are: a live session has no files.
+Result<void> takeOver(const fs::path& folder, RocksCommitStoreOptions options,
+                      LiveSessionRecord& wanted) {
     options.isNewLine = true;
     const auto opened = createRocksCommitStore(folder, options);
     if (!opened) return tl::unexpected(opened.error());
     CommitStore& store = **opened;
-    const Revision newest = store.head().revision;
+    if (wanted.revision == 0) wanted.revision = store.head().revision;
+    const Restoring by{
+        wanted.creator, wanted.timeMs,
+        "Begin of " + wanted.name + " at revision " + std::to_string(wanted.revision)};
+    const auto newest = restoreLayers(store, wanted.revision, by);
+    if (!newest) return tl::unexpected(newest.error());
+    wanted.begin = *newest;
     const auto layers = store.layers();
     if (!layers) return tl::unexpected(layers.error());
     for (const LayerId& layer : *layers)
-        if (auto set = store.setSaved(layer, {newest, {}, {}}); !set)
+        if (auto set = store.setSaved(layer, {*newest, {}, {}}); !set)
             return tl::unexpected(set.error());
-    return newest;
+    return {};
 }
 
 }  // namespace
@@ -152,9 +177,8 @@ Result<LiveSessionRecord> LiveSessionFolder::create(LiveSessionRecord wanted,
                                      [](const fs::path& name) { return name == "unfinished"; });
             !copied)
             return tl::unexpected(copied.error());
-    const auto newest = takeOver(draft / "store", options);
-    if (!newest) return tl::unexpected(newest.error());
-    wanted.revision = *newest;
+    if (auto taken = takeOver(draft / "store", options, wanted); !taken)
+        return tl::unexpected(taken.error());
     if (auto written = replaceFile(draft / kRecord, textOf(wanted), kReadable); !written)
         return tl::unexpected(written.error());
     faultPoint("live-session-after");

@@ -27,14 +27,24 @@ HttpReply json(const Json& content) {
 }
 
 Json jsonOf(const LiveSessionRecord& record) {
+    Json merges = Json::array();
+    for (const LineMergeRecord& one : record.merges)
+        merges.push_back({{"target", one.isIntoMain ? "main" : "session"},
+                          {"from", one.from},
+                          {"into", one.into},
+                          {"client", one.client.value},
+                          {"age", std::max<std::int64_t>(auditTime() - one.timeMs, 0)}});
     return {{"name", record.name},     {"creator", record.creator.value},
             {"time", record.timeMs},   {"revision", record.revision},
-            {"ended", record.isEnded}, {"merged", record.merged}};
+            {"begin", record.begin},   {"ended", record.isEnded},
+            {"merged", record.merged}, {"merges", merges}};
 }
 
 unsigned statusOf(ErrorCode code) {
     switch (code) {
         case ErrorCode::InvalidArgument:
+        case ErrorCode::HistoryReplaced:
+        case ErrorCode::TransactionTooLarge:
             return kNotAsItIs;
         case ErrorCode::LayerNotFound:
             return kNoSuchSession;
@@ -65,6 +75,28 @@ Result<LiveSessionRecord> rewritten(const LiveSessionFolder& folder, const std::
     if (!record) return record;
     record->isEnded = isEnded;
     if (merged > 0) record->merged = merged;
+    if (auto written = folder.write(*record); !written) return tl::unexpected(written.error());
+    return record;
+}
+
+/// Notes a merge that is about to be committed. Error: InvalidArgument if another one was noted
+/// meanwhile, or too many.
+Result<LiveSessionRecord> withMerge(const LiveSessionFolder& folder,
+                                    const LiveSessions::Wanted& wanted) {
+    auto record = recordOf(folder, wanted.name, false);
+    if (!record) return record;
+    if (record->merges.size() != wanted.known)
+        return fail(ErrorCode::InvalidArgument,
+                    "somebody else has merged or updated the live "
+                    "session " +
+                        wanted.name + " meanwhile; try again");
+    if (record->merges.size() >= LiveSessionFolder::kMostMerges)
+        return fail(ErrorCode::InvalidArgument, "the live session " + wanted.name +
+                                                    " was merged and updated " +
+                                                    std::to_string(LiveSessionFolder::kMostMerges) +
+                                                    " times; end it, and create another one");
+    record->merges.push_back(wanted.merge);
+    record->merges.back().timeMs = auditTime();
     if (auto written = folder.write(*record); !written) return tl::unexpected(written.error());
     return record;
 }
@@ -121,11 +153,12 @@ HttpPage LiveSessions::list(const ServedProject& project) {
 HttpRoute LiveSessions::change(const ServedProject& project, const Wanted& wanted,
                                const Asking& asking) {
     using Do = void (LiveSessions::*)(const ChangePtr&);
-    const Do run = wanted.verb == "create"    ? &LiveSessions::create
-                   : wanted.verb == "end"     ? &LiveSessions::end
-                   : wanted.verb == "restore" ? &LiveSessions::restore
-                   : wanted.verb == "delete"  ? &LiveSessions::remove
-                                              : nullptr;
+    const Do run = wanted.verb == "create"       ? &LiveSessions::create
+                   : wanted.verb == "end"        ? &LiveSessions::end
+                   : wanted.verb == "restore"    ? &LiveSessions::restore
+                   : wanted.verb == "delete"     ? &LiveSessions::remove
+                   : wanted.verb == "note-merge" ? &LiveSessions::noteMerge
+                                                 : nullptr;
     if (!run) return sentence(kNoSuchSession, "a live session cannot " + wanted.verb);
     if (const auto valid = LiveSessionFolder::checkName(wanted.name); !valid)
         return sentence(kBadWish, valid.error().message);
@@ -149,6 +182,7 @@ void LiveSessions::create(const ChangePtr& change) {
     wanted.name = change->wanted.name;
     wanted.creator = change->asking.user;
     wanted.timeMs = auditTime();
+    wanted.revision = change->wanted.from;
     ServedProject* const project = projects_.find(change->place.project);
     if (!project) return finish(change, fail(ErrorCode::ShuttingDown, "the project was closed"));
     project->branch(wanted, [this, weak = std::weak_ptr(life_), io = &io_,
@@ -207,6 +241,11 @@ void LiveSessions::remove(const ChangePtr& change) {
         [this, change](const Result<LiveSessionRecord>& removed) { finish(change, removed); });
 }
 
+void LiveSessions::noteMerge(const ChangePtr& change) {
+    inBackground([change] { return withMerge(change->folder, change->wanted); },
+                 [this, change](const Result<LiveSessionRecord>& noted) { finish(change, noted); });
+}
+
 void LiveSessions::finish(const ChangePtr& change, const Result<LiveSessionRecord>& done) {
     changing_.erase(change->place.name());
     const auto& [place, folder, wanted, asking, answer] = *change;
@@ -221,7 +260,9 @@ void LiveSessions::finish(const ChangePtr& change, const Result<LiveSessionRecor
     const char* const event = wanted.verb == "create"    ? "live session created"
                               : wanted.verb == "end"     ? "live session ended"
                               : wanted.verb == "restore" ? "live session restored"
-                                                         : "live session deleted";
+                              : wanted.verb == "delete"  ? "live session deleted"
+                              : wanted.merge.isIntoMain  ? "live session merged"
+                                                         : "live session updated";
     log_.write(LogLevel::Info, event,
                {{"project", place.project}, {"session", wanted.name}, {"user", asking.user.value}});
     audit_.record({.event = event,

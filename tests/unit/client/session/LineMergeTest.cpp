@@ -375,10 +375,8 @@ public:
         LineMerge merge({{kLayer, start_}}, 0);
         std::size_t fromAt = 0, intoAt = 0;
         const auto goTo = [&](std::size_t fromEnd, std::size_t intoEnd) {
-            for (; fromAt < fromEnd; ++fromAt)
-                EXPECT_TRUE(merge.addFrom(from.commits[fromAt]));
-            for (; intoAt < intoEnd; ++intoAt)
-                EXPECT_TRUE(merge.addInto(into.commits[intoAt]));
+            for (; fromAt < fromEnd; ++fromAt) EXPECT_TRUE(merge.addFrom(from.commits[fromAt]));
+            for (; intoAt < intoEnd; ++intoAt) EXPECT_TRUE(merge.addInto(into.commits[intoAt]));
         };
         for (const auto& [isMain, given, received] : received_) {
             const bool isInto = isMain == (&into == &main);
@@ -432,7 +430,7 @@ Side anySide(RandomEdits& random) { return kSides[random.below(2)]; }
 
 }  // namespace
 
-// Whatever both have done and merged, an update and then a merge make them alike.
+// An update and then a merge make both alike, whatever they have done and merged before.
 TEST(LineMergeProperty, LinesThatHaveReceivedEverythingAreAlike) {
     std::size_t compared = 0, conflicts = 0;
     for (unsigned seed = 1; seed <= seedsOf(600); ++seed) {
@@ -440,10 +438,9 @@ TEST(LineMergeProperty, LinesThatHaveReceivedEverythingAreAlike) {
         RandomEdits random(seed);
         TwoLines lines(RandomHistory(seed, 0).docs.front());
         const auto isOdd = [&] {
-            return std::ranges::any_of(std::array{&lines.main.doc, &lines.session.doc},
-                                       [](const LayerDoc* doc) {
-                                           return hasEmptyFields(*doc) || hasRepeatedItems(*doc);
-                                       });
+            return std::ranges::any_of(
+                std::array{&lines.main.doc, &lines.session.doc},
+                [](const LayerDoc* doc) { return hasEmptyFields(*doc) || hasRepeatedItems(*doc); });
         };
         bool wasOdd = isOdd();
         for (int step = 0; step < 40 && !wasOdd; ++step) {
@@ -547,7 +544,7 @@ TEST(LineMergeProperty, NoEditIsLostOrDoubled) {
     }
 }
 
-// What was brought is neither a conflict nor taken back by later merges.
+// Later merges take nothing back that was brought, and find no conflict in it.
 TEST(LineMerge, AMergeAfterAnUpdateBringsTheSessionsChangesOnly) {
     TwoLines lines(scene());
     ASSERT_TRUE(lines.session.edit("/World/Ball", setInt("number", kNew), "bo"));

@@ -17,8 +17,8 @@
 
 namespace usdlive::server {
 
-/// Lists, creates, ends, restores and deletes live sessions (LV3-LV5). One request at a time
-/// changes a live session. Belongs to the thread that runs `io`.
+/// Lists, creates, ends, restores and deletes live sessions, and notes their merges (LV3-LV5, LV7).
+/// One request at a time changes a live session. Belongs to the thread that runs `io`.
 class LiveSessions {
 public:
     /// The user who asks. Without sign-in everybody may do everything, and the name is a claimed
@@ -31,6 +31,9 @@ public:
     struct Wanted {
         std::string name, verb;  ///< decoded
         Revision merged = 0;     ///< for `end`: the revision of the main line; 0: none
+        Revision from = 0;       ///< for `create`: the revision of the main line; 0: the newest
+        LineMergeRecord merge;   ///< for `note-merge`, without its time
+        std::size_t known = 0;   ///< for `note-merge`: how many merges the one who asks knows
     };
 
     /// The other objects must outlive this one.
@@ -53,6 +56,7 @@ private:
     void end(const ChangePtr& change);
     void restore(const ChangePtr& change);
     void remove(const ChangePtr& change);
+    void noteMerge(const ChangePtr& change);
     /// Runs `work` on a worker, and `then` with its result on this thread.
     template <class Work, class Then>
     void inBackground(Work work, Then then);

@@ -1,5 +1,5 @@
-// Edits layers of a project from the command line.
-#include "cli/Authoring.h"
+// Edits whole layers of a line of history.
+#include "lines/LineEdits.h"
 
 #include <algorithm>
 #include <functional>
@@ -9,11 +9,9 @@
 
 #include "usdlive/common/core/ErrorPasses.h"
 
-namespace usdlive::cli {
+namespace usdlive::client {
 
 namespace {
-
-namespace event = client::event;
 
 std::string namesOf(const std::set<LayerId>& layers) {
     std::string names;
@@ -22,11 +20,11 @@ std::string namesOf(const std::set<LayerId>& layers) {
 }
 
 // Works until `done` returns true, or something fails. Returns the revision of the last own commit.
-Result<Revision> runUntil(Link& link, const std::set<LayerId>& layers,
-                          const std::function<bool()>& done) {
+Result<Revision> linkUntil(LineLink& link, const std::set<LayerId>& layers,
+                           const std::function<bool()>& done) {
     std::optional<Error> failed;
     Revision own = 0;
-    const auto ran = link.run([&](const std::vector<client::Event>& events) {
+    const auto ran = link.run([&](const std::vector<Event>& events) {
         for (const auto& one : events) {
             if (const auto* lost = std::get_if<event::Lost>(&one)) failed = lost->work.reason;
             if (const auto* join = std::get_if<event::JoinFailed>(&one)) failed = join->reason;
@@ -50,23 +48,23 @@ Result<Revision> runUntil(Link& link, const std::set<LayerId>& layers,
 
 }  // namespace
 
-Result<void> joinLayers(Link& link, const std::set<LayerId>& layers) {
+Result<void> joinLayers(LineLink& link, const std::set<LayerId>& layers) {
     for (const LayerId& layer : layers) link.session().openLayer(layer);
     const auto areJoined = [&] {
         return std::ranges::all_of(
             layers, [&](const LayerId& layer) { return link.session().isJoined(layer); });
     };
-    return runUntil(link, layers, areJoined).map([](Revision) {});
+    return linkUntil(link, layers, areJoined).map([](Revision) {});
 }
 
-Result<Revision> submitEdits(Link& link, std::vector<client::AuthoredEdit> edits,
+Result<Revision> submitEdits(LineLink& link, std::vector<AuthoredEdit> edits,
                              const std::string& label) {
     std::set<LayerId> layers;
-    for (const client::AuthoredEdit& edit : edits) layers.insert(edit.layer);
+    for (const AuthoredEdit& edit : edits) layers.insert(edit.layer);
     link.session().beginUndoGroup(label);
     link.session().author(std::move(edits));
     link.session().endUndoGroup();
-    return runUntil(link, layers, [&] { return link.session().pendingTransactions() == 0; });
+    return linkUntil(link, layers, [&] { return link.session().pendingTransactions() == 0; });
 }
 
-}  // namespace usdlive::cli
+}  // namespace usdlive::client
