@@ -603,3 +603,93 @@ def test_lv1_a_session_from_a_former_revision(project, serve):
     server.stop()
     server.start()
     assert run("cat", f"{server.url}/root.usda?session=dusk") == cat(server, "root.usda")
+
+
+# --- the calls of programs (usdlive.sessions)
+
+
+def test_programs_create_merge_and_end_sessions(project, serve):
+    server = serve(project)
+    sessions = usdlive.sessions(server.url, user="bo")
+    assert sessions.list() == []
+    with connect(server, "ada") as ada:
+        layer = ada.open_layer("root.usda")
+        layer.GetAttributeAtPath("/World.number").default = 1
+        assert ada.flush(20)
+        first = ada.revision
+        layer.GetAttributeAtPath("/World.number").default = 3
+        assert ada.flush(20)
+        made = sessions.create("dusk", revision=first)
+        assert (made.name, made.creator, made.revision, made.ended, made.merged) == ("dusk", "bo", first, False, 0)
+        assert sessions.list() == [made]
+        with usdlive.connect(made.address, user="bo") as bo:
+            idea = bo.open_layer("root.usda")
+            assert number(idea) == 1
+            idea.GetAttributeAtPath("/World.number").default = 2
+            idea.GetAttributeAtPath("/World/Ball.radius").default = 7
+            assert bo.flush(20)
+        dry = sessions.merge("dusk", dry_run=True)
+        assert (dry.revision, dry.created, dry.dropped) == (0, (), 0)
+        assert [(edit.kind, edit.path, edit.field) for edit in dry.edits] == [("set", "/World/Ball.radius", "default")]
+        [conflict] = dry.conflicts
+        assert (conflict.what, conflict.layer, conflict.path, conflict.field) == ("value", "root.usda", "/World.number", "default")
+        assert [one["value"] if isinstance(one, dict) else one
+                for one in (conflict.before, conflict.main, conflict.session)] == [1, 3, 2]
+        assert (conflict.main_user, conflict.session_user, conflict.take) == ("ada", "bo", None)
+        with pytest.raises(usdlive.Error, match="1 conflict is not decided") as undecided:
+            sessions.merge("dusk")
+        assert undecided.value.code == "invalidArgument"
+        with pytest.raises(ValueError, match="no side of a conflict"):
+            sessions.merge("dusk", take="both")
+        with pytest.raises(ZeroDivisionError):  # what the function raises is not lost, and nothing was changed
+            sessions.merge("dusk", take=lambda one: 1 / 0)
+        assert number(layer) == 3 and not sessions.list()[0].ended
+        asked = []
+        updated = sessions.update("dusk", take=lambda one: asked.append(one) or "session")
+        assert [one.path for one in asked] == ["/World.number"] and updated.conflicts[0].take == "session"
+        merged = sessions.merge("dusk", keep=True)
+        assert merged.revision > 0 and merged.conflicts == ()
+        assert ada.wait(lambda: (number(layer), radius(layer)) == (2, 7), 20)
+        assert sessions.merge("dusk").edits == () and sessions.list()[0].ended
+        assert not sessions.restore("dusk").ended
+        assert sessions.end("dusk").ended
+        assert sessions.delete("dusk").name == "dusk" and sessions.list() == []
+
+
+def test_programs_get_errors_that_help(project, serve):
+    server = serve(project)
+    sessions = usdlive.sessions(server.url)
+    for call in (sessions.end, sessions.restore, sessions.delete, sessions.merge, sessions.update):
+        with pytest.raises(usdlive.Error, match="no live session none") as error:
+            call("none")
+        assert error.value.code == "invalidArgument"
+    with pytest.raises(usdlive.Error, match="there is no revision 99"):
+        sessions.create("dusk", revision=99)
+    with pytest.raises(usdlive.Error, match="over HTTP"):
+        usdlive.sessions("dds://project").list()
+    with pytest.raises(usdlive.Error) as wrong:
+        usdlive.sessions("http://x y")
+    assert wrong.value.code == "invalidArgument"
+    server.stop()
+    with pytest.raises(usdlive.Error) as gone:
+        sessions.list()
+    assert gone.value.code == "notConnected"
+
+
+def test_programs_merge_on_another_thread_while_an_editor_goes_on(project, serve):
+    server = serve(project)
+    with connect(server, "ada") as ada:
+        layer = ada.open_layer("root.usda")
+        sessions, ends = usdlive.sessions(server.url, user="ada"), []
+
+        def work():
+            with usdlive.connect(sessions.create("dusk").address, user="ada") as idea:
+                idea.open_layer("root.usda").GetAttributeAtPath("/World/Ball.radius").default = 7
+                assert idea.flush(20)
+            ends.append(sessions.merge("dusk").revision)
+
+        thread = threading.Thread(target=work)
+        thread.start()
+        assert ada.wait(lambda: radius(layer) == 7, 30), "ticks go on meanwhile"
+        thread.join()
+        assert ends and ada.revision >= ends[0]

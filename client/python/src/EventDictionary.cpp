@@ -65,6 +65,12 @@ nb::dict toDictionary(const LayerId& layer, const std::string& path, const EditA
     return edit;
 }
 
+/// Returns the content as JSON text, or None.
+nb::object json(const std::optional<FieldValue>& value) {
+    NoBlobs none;
+    return value ? nb::object(text(cli::line(cli::toJson(*value, none)))) : nb::none();
+}
+
 nb::list strings(const std::vector<LayerId>& layers) {
     nb::list list;
     for (const LayerId& layer : layers) list.append(text(layer.value));
@@ -299,10 +305,6 @@ nb::dict toDictionary(const Commit& commit) {
 }
 
 nb::dict toDictionary(const client::BlamedContent& one) {
-    NoBlobs none;
-    const auto json = [&none](const std::optional<FieldValue>& value) {
-        return value ? nb::object(text(cli::line(cli::toJson(*value, none)))) : nb::none();
-    };
     nb::dict d;
     d["path"] = text(one.made.path);
     d["field"] = one.made.field.empty() ? nb::object(nb::none()) : text(one.made.field);
@@ -314,6 +316,56 @@ nb::dict toDictionary(const client::BlamedContent& one) {
     d["value"] = json(one.content);
     d["before"] = json(one.prior);
     d["before_known"] = one.isPriorKnown;
+    return d;
+}
+
+nb::dict toDictionary(const client::SessionInfo& session) {
+    nb::dict d;
+    d["name"] = text(session.name);
+    d["address"] = text(session.address);
+    d["creator"] = text(session.creator.value);
+    d["time"] = double(session.timeMs) / 1000.0;
+    d["revision"] = session.revision;
+    d["ended"] = session.isEnded;
+    d["merged"] = session.merged;
+    d["problem"] = text(session.problem);
+    return d;
+}
+
+nb::dict toDictionary(const client::SessionConflict& conflict) {
+    constexpr const char* kWhat[] = {"value", "deleted", "moved", "refused"};
+    nb::dict d;
+    d["what"] = kWhat[std::size_t(conflict.what)];
+    d["layer"] = text(conflict.layer.value);
+    d["path"] = text(conflict.path);
+    d["field"] = conflict.field.empty() ? nb::object(nb::none()) : text(conflict.field);
+    d["part"] = part(conflict.part);
+    d["before"] = json(conflict.before);
+    d["main"] = json(conflict.main);
+    d["session"] = json(conflict.session);
+    d["deleted_in"] = conflict.isDeletedInMain      ? nb::object(text("main"))
+                      : conflict.isDeletedInSession ? nb::object(text("session"))
+                                                    : nb::none();
+    d["reason"] = text(conflict.reason);
+    d["main_user"] = text(conflict.mainUser.value);
+    d["session_user"] = text(conflict.sessionUser.value);
+    constexpr const char* kTake[] = {nullptr, "main", "session"};
+    const char* const take = kTake[std::size_t(conflict.take)];
+    d["take"] = take ? nb::object(text(take)) : nb::none();
+    return d;
+}
+
+nb::dict toDictionary(const client::SessionMerged& merged) {
+    nb::list edits, conflicts;
+    for (const Edit& edit : merged.edits)
+        edits.append(toDictionary(edit.layer, edit.address.path, edit.action));
+    for (const client::SessionConflict& one : merged.conflicts) conflicts.append(toDictionary(one));
+    nb::dict d;
+    d["revision"] = merged.revision;
+    d["edits"] = edits;
+    d["created"] = strings(merged.created);
+    d["conflicts"] = conflicts;
+    d["dropped"] = merged.dropped;
     return d;
 }
 

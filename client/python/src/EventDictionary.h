@@ -4,6 +4,7 @@
 #include <nanobind/nanobind.h>
 
 #include "usdlive/client/history/History.h"
+#include "usdlive/client/lines/ProjectSessions.h"
 #include "usdlive/client/session/Events.h"
 #include "usdlive/client/session/Undo.h"
 
@@ -20,6 +21,10 @@ namespace usdlive {
 [[nodiscard]] nanobind::dict toDictionary(const Commit& commit);
 /// The value and what was there before are JSON.
 [[nodiscard]] nanobind::dict toDictionary(const client::BlamedContent& one);
+[[nodiscard]] nanobind::dict toDictionary(const client::SessionInfo& session);
+/// The values are JSON.
+[[nodiscard]] nanobind::dict toDictionary(const client::SessionConflict& conflict);
+[[nodiscard]] nanobind::dict toDictionary(const client::SessionMerged& merged);
 nanobind::dict toDictionary(const LayerState& state);
 [[nodiscard]] nanobind::dict toDictionary(const Presence& presence);
 

@@ -21,6 +21,7 @@
 #include "Fields.h"
 #include "LayersBinding.h"
 #include "NamespaceBinding.h"
+#include "SessionsBinding.h"
 #include "history/Moment.h"
 #include "usdlive/client/usd/Client.h"
 #include "usdlive/client/usd/Misuse.h"
@@ -610,4 +611,5 @@ NB_MODULE(_usdlive, module) {
     bindContent(module);
     bindLayers(module);
     bindNamespace(module);
+    bindSessions(module);
 }

@@ -32,14 +32,16 @@ if _other is None:
     from ._live import Live, connect, connect_async
     from ._namespace import NamespaceEditor
     from ._player import Player
+    from ._sessions import Conflict, LiveSession, Merged, Sessions, sessions
     from ._undo import UndoKept, UndoResult, UndoStack
     from ._unsent import UnsentWork
     from ._usdlive import __version__
 
     plugins.register()
 
-    __all__ = ["__version__", "Error", "ErrorCode", "Live", "LoggedCommit", "NamespaceEditor", "Opinion", "Player",
-               "UndoKept", "UndoResult", "UndoStack", "UnsentWork", "connect", "connect_async", "events", "plugins"]
+    __all__ = ["__version__", "Conflict", "Error", "ErrorCode", "Live", "LiveSession", "LoggedCommit", "Merged",
+               "NamespaceEditor", "Opinion", "Player", "Sessions", "UndoKept", "UndoResult", "UndoStack", "UnsentWork",
+               "connect", "connect_async", "events", "plugins", "sessions"]
 else:
     from ._session import __version__
     from .portable.connecting import connect

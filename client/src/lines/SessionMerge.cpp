@@ -187,15 +187,29 @@ Result<void> SessionMerge::followMerges() {
     return goTo(Side::From, from_.read);
 }
 
+/// A line lists a file that another line has just made a moment later: waits for it.
+bool SessionMerge::isListed(const LayerId& layer) {
+    const auto end = std::chrono::steady_clock::now() + kSessionRequestTime;
+    bool isThere = false;
+    const auto ran = into_.link->run([&](const std::vector<Event>&) {
+        isThere = into_.link->session().projectLayers().contains(layer);
+        return isThere || std::chrono::steady_clock::now() > end;
+    });
+    return ran && isThere;
+}
+
 /// Joins the layers that the line that gives has changed. Creates those that the other one lacks.
 Result<void> SessionMerge::joinInto() {
     std::set<LayerId> layers;
     for (const LayerId& layer : merge_->changed()) {
         if (!into_.link->session().projectLayers().contains(layer)) {
-            merged_.created.push_back(layer);
-            if (wanted_.options.isDryRun) continue;
-            if (const auto created = into_.link->ask(CreateLayer{.layer = layer}); !created)
+            const bool isDryRun = wanted_.options.isDryRun;
+            const auto created = isDryRun ? Result<LayerCreated>()
+                                          : into_.link->ask(CreateLayer{.layer = layer});
+            if (!created && (created.error().code != ErrorCode::LayerExists || !isListed(layer)))
                 return tl::unexpected(created.error());
+            if (created) merged_.created.push_back(layer);
+            if (isDryRun) continue;
         }
         layers.insert(layer);
     }
@@ -257,7 +271,8 @@ Result<void> SessionMerge::mergeNewest() {
         Commit edits;
         for (const AuthoredEdit& one : edits_)
             edits.edits.push_back({one.layer, {one.path, {}}, one.action, {}});
-        if (auto here = from_.link->fetchBlobs(edits); !here) return here;
+        if (!wanted_.options.isDryRun)
+            if (auto here = from_.link->fetchBlobs(edits); !here) return here;
         merged_.edits = std::move(edits.edits);
         // Others may have committed meanwhile.
         if (wanted_.options.isDryRun || into_.link->session().revision() == now) return {};

@@ -74,6 +74,7 @@ private:
     Result<void> goTo(Side side, Revision revision);
     Result<void> followMerges();
     Result<void> joinInto();
+    [[nodiscard]] bool isListed(const LayerId& layer);
     Result<void> mergeNewest();
     Result<void> commit();
     [[nodiscard]] SessionConflict shown(const MergeConflict& conflict) const;

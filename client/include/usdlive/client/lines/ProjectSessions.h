@@ -77,6 +77,15 @@ struct SessionMerged {
 /// at the same time. All calls block until the server has answered, and need no client, no stage
 /// and no tick. Errors: NotConnected (also after 15 s without an answer: it may be done or not);
 /// InvalidArgument, with what the server or this call cannot do, and what to do next.
+///
+///     auto sessions = *usdlive::client::ProjectSessions::at("ws://127.0.0.1:7447", "ada");
+///     auto dusk = sessions.create("dusk");
+///     auto found = sessions.merge("dusk", {.isDryRun = true});
+///     for (const auto& one : found->conflicts) std::cout << one.path << "\n";
+///     auto merged = sessions.merge("dusk", {.decide = [](const auto&) {
+///         return usdlive::client::Take::Session;
+///     }});
+///     if (!merged) std::cerr << merged.error().message << "\n";
 class ProjectSessions {
 public:
     /// `address`: of the server or of a project, as for Client::connect(); it is not used over DDS.
