@@ -8,6 +8,7 @@ import os
 import pathlib
 import signal
 import subprocess
+import sys
 import threading
 import urllib.error
 import urllib.request
@@ -16,6 +17,7 @@ import page_client
 import pytest
 import usdlive
 from conftest import cat, connect, refused, run, wait
+from documents import blocks
 from pxr import Ar, Gf, Sdf, Vt
 
 ROOT = """#usda 1.0
@@ -641,7 +643,7 @@ def test_programs_create_merge_and_end_sessions(project, serve):
         assert undecided.value.code == "invalidArgument"
         with pytest.raises(ValueError, match="no side of a conflict"):
             sessions.merge("dusk", take="both")
-        with pytest.raises(ZeroDivisionError):  # what the function raises is not lost, and nothing was changed
+        with pytest.raises(ZeroDivisionError):  # the exception of the function is not lost
             sessions.merge("dusk", take=lambda one: 1 / 0)
         assert number(layer) == 3 and not sessions.list()[0].ended
         asked = []
@@ -693,3 +695,54 @@ def test_programs_merge_on_another_thread_while_an_editor_goes_on(project, serve
         assert ada.wait(lambda: radius(layer) == 7, 30), "ticks go on meanwhile"
         thread.join()
         assert ends and ada.revision >= ends[0]
+
+
+def test_the_program_of_the_document_runs(project, serve):
+    (project / "shot.usda").write_text(ROOT)
+    server = serve(project)
+    [program] = [one.code for one in blocks("docs/live-sessions.md") if "usdlive.sessions(" in one.code]
+    ran = subprocess.run([sys.executable, "-c", program.replace("ws://127.0.0.1:7447", server.url)], capture_output=True, text=True)
+    assert (ran.stdout, ran.returncode) == ("1 edit\n", 0), ran.stderr
+    assert "double radius = 7" in cat(server, "shot.usda") and listed(server)["dusk"]["ended"]
+
+
+# --- backups
+
+
+def test_a_backup_has_the_sessions(project, serve, tmp_path):
+    server = serve(project)
+    for name in ("dusk", "ended", "damaged"):
+        run("session", "create", server.url, name, "--user", "bo")
+    with join(server, "ended", "bo") as bo:
+        bo.open_layer("root.usda").GetAttributeAtPath("/World.number").default = 5
+        assert bo.flush(20)
+    for name in ("ended", "damaged"):
+        run("session", "end", server.url, name)
+    (project / ".usdlive" / "sessions" / "damaged" / "store" / "db" / "CURRENT").write_text("damaged")
+    with join(server, "dusk", "bo") as bo:
+        idea = bo.open_layer("root.usda")
+        idea.GetAttributeAtPath("/World.number").default = 2
+        idea.GetAttributeAtPath("/World.points").default = Vt.Vec3fArray(BIG, Gf.Vec3f(1, 2, 3))
+        assert bo.flush(20)
+        run(*MERGE, server.url, "dusk", "--keep")
+        idea.GetAttributeAtPath("/World/Ball.radius").default = 7
+        assert bo.flush(20)
+        done = subprocess.run([os.environ["USDLIVE_BIN"], "backup", project, tmp_path / "copy"], capture_output=True, text=True)
+        assert done.returncode == 0 and ", 2 live sessions, with" in done.stdout, done.stderr
+        assert "the live session damaged is not in the backup" in done.stderr
+        idea.GetAttributeAtPath("/World/Ball.radius").default = 8  # later than the backup
+        assert bo.flush(20)
+    server.stop()
+    copy = serve(tmp_path / "copy")
+    assert {name: one["ended"] for name, one in listed(copy).items()} == {"dusk": False, "ended": True}
+    with join(copy, "dusk", "cy") as cy:
+        idea = cy.open_layer("root.usda")
+        assert (number(idea), radius(idea)) == (2, 7)
+        assert len(idea.GetAttributeAtPath("/World.points").default) == BIG
+    merged = json.loads(run(*MERGE, copy.url, "dusk", "--json"))
+    assert [edit["path"] for edit in merged["edits"]] == ["/World/Ball.radius"], "the backup knows what was merged before"
+    run("session", "restore", copy.url, "ended")
+    assert "int number = 5" in run("cat", f"{copy.url}/root.usda?session=ended")
+    copy.stop()
+    # Without a server, the command opens the stores itself.
+    assert ", 2 live sessions, with" in run("backup", str(tmp_path / "copy"), str(tmp_path / "again"))

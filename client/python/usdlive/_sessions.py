@@ -54,7 +54,7 @@ class Conflict:
 
 @dataclasses.dataclass(frozen=True)
 class Merged:
-    """What a merge or an update has done, or would do. `revision`: that of the commit; 0: nothing was committed. `created`: the
+    """The result of a merge or an update, or of its dry run. `revision`: that of the commit; 0: nothing was committed. `created`: the
     layers that the receiving line lacked. `dropped`: how many further edits were left out, because that line lacks their
     specs."""
 

@@ -204,8 +204,8 @@ Result<void> SessionMerge::joinInto() {
     for (const LayerId& layer : merge_->changed()) {
         if (!into_.link->session().projectLayers().contains(layer)) {
             const bool isDryRun = wanted_.options.isDryRun;
-            const auto created = isDryRun ? Result<LayerCreated>()
-                                          : into_.link->ask(CreateLayer{.layer = layer});
+            const auto created =
+                isDryRun ? Result<LayerCreated>() : into_.link->ask(CreateLayer{.layer = layer});
             if (!created && (created.error().code != ErrorCode::LayerExists || !isListed(layer)))
                 return tl::unexpected(created.error());
             if (created) merged_.created.push_back(layer);

@@ -16,6 +16,7 @@
 #include "usdlive/common/core/Descriptor.h"
 #include "usdlive/server/app/AdminCommands.h"
 #include "usdlive/server/app/CopiedFolder.h"
+#include "usdlive/server/app/LiveSessionFolder.h"
 #include "usdlive/server/app/RunningServer.h"
 #include "usdlive/server/app/StoreCopyFile.h"
 #include "usdlive/server/storage/RocksCommitStore.h"
@@ -30,6 +31,9 @@ constexpr std::chrono::milliseconds kCopyLook{20};
 // The hash chain of the whole copy is checked.
 constexpr std::chrono::hours kVerifyTime{24};
 constexpr const char* kPartOfBackup = ".part";
+constexpr std::chrono::hours kLongest{24};
+// The server copies a store in a moment. It may have ended a live session meanwhile.
+constexpr std::chrono::seconds kLongestForSession{60};
 
 struct Backup {
     fs::path folder, target;
@@ -67,9 +71,11 @@ private:
     fs::path path_;
 };
 
-/// Waits until the running server has made a copy of its store. Returns where it is.
-Result<fs::path> askServer(const fs::path& folder) {
-    const StoreCopyFile file(folder);
+/// Waits until the server that runs in a folder has made a copy of a store. Returns where it is.
+Result<fs::path> askServer(const fs::path& folder, const fs::path& history,
+                           std::chrono::seconds most) {
+    const StoreCopyFile file(history);
+    const auto end = std::chrono::steady_clock::now() + most;
     const auto name = file.ask();
     if (!name) return tl::unexpected(name.error());
     for (;;) {
@@ -80,20 +86,27 @@ Result<fs::path> askServer(const fs::path& folder) {
         if (!RunningServer::find(folder))
             return fail(ErrorCode::StorageFailed,
                         "the server has ended before it had copied its store; try again");
+        if (std::chrono::steady_clock::now() > end)
+            return fail(ErrorCode::StorageFailed, "the server does not copy the store in " +
+                                                      history.string() + "; try again");
         std::this_thread::sleep_for(kCopyLook);
     }
 }
 
+Result<void> copyServedStore(const fs::path& folder, const fs::path& history, const fs::path& to,
+                             std::chrono::seconds most, Copied& copied) {
+    const auto made = askServer(folder, history, most);
+    if (!made) return tl::unexpected(made.error());
+    const Draft copy(*made);
+    std::error_code error;
+    fs::rename(copy.path(), to, error);
+    return error ? copyFolder(copy.path(), to, false, copied) : Result<void>();
+}
+
 Result<void> copyStore(const fs::path& folder, const fs::path& to, Copied& copied) {
-    if (RunningServer::find(folder)) {
-        const auto made = askServer(folder);
-        if (!made) return tl::unexpected(made.error());
-        const Draft copy(*made);
-        std::error_code error;
-        fs::rename(copy.path(), to, error);
-        return error ? copyFolder(copy.path(), to, false, copied) : Result<void>();
-    }
-    const auto store = createRocksCommitStore(folder / ".usdlive" / "store");
+    const fs::path history = folder / ".usdlive";
+    if (RunningServer::find(folder)) return copyServedStore(folder, history, to, kLongest, copied);
+    const auto store = createRocksCommitStore(history / "store");
     if (!store) return tl::unexpected(store.error());
     return (*store)->copyTo(to);
 }
@@ -105,6 +118,46 @@ Result<Revision> verified(const fs::path& store) {
     const auto opened = createRocksCommitStore(store, options);
     if (!opened) return tl::unexpected(opened.error());
     return (*opened)->head().revision;
+}
+
+/// Copies a live session. Its record is first: a merge that is noted later is not in the copy, and
+/// one that is noted there and was not committed was not done (LV7).
+Result<void> copySession(const fs::path& folder, const fs::path& from, const fs::path& to,
+                         Copied& copied) {
+    std::error_code error;
+    fs::create_directories(to, error);
+    if (!error) fs::copy_file(from / "session.json", to / "session.json", error);
+    if (error) return cannotCopy(from, error);
+    const auto store = createRocksCommitStore(from / "store");  // it is ended, or nobody serves
+    const bool isServed = !store && store.error().code == ErrorCode::StorageLocked;
+    if (!store && !isServed) return tl::unexpected(store.error());
+    const auto done = isServed
+                          ? copyServedStore(folder, from, to / "store", kLongestForSession, copied)
+                          : (*store)->copyTo(to / "store");
+    if (!done) return done;
+    if (const auto checked = verified(to / "store"); !checked)
+        return tl::unexpected(checked.error());
+    if (!fs::exists(from / "blobs", error)) return {};
+    return copyFolder(from / "blobs", to / "blobs", true, copied,
+                      [](const fs::path& name) { return name == "unfinished"; });
+}
+
+/// Copies the live sessions, and returns how many. It says which one cannot be copied; the backup
+/// is made without it.
+Result<std::size_t> copySessions(const fs::path& folder, const fs::path& to, Copied& copied) {
+    const fs::path from = folder / ".usdlive" / "sessions", target = to / ".usdlive" / "sessions";
+    std::size_t count = 0;
+    for (const LiveSessionRecord& one : LiveSessionFolder(folder).list()) {
+        const auto done = copySession(folder, from / one.name, target / one.name, copied);
+        if (done) ++count;
+        if (done) continue;
+        if (done.error().code == ErrorCode::StorageFull) return tl::unexpected(done.error());
+        std::error_code ignored;
+        fs::remove_all(target / one.name, ignored);
+        std::cerr << "usdlive: the live session " << one.name
+                  << " is not in the backup: " << done.error().message << "\n";
+    }
+    return count;
 }
 
 bool isOfRunningServer(const fs::path& name) {
@@ -141,10 +194,13 @@ Result<void> backUp(Backup wanted) {
     std::error_code error;
     fs::remove_all(to, error);  // left by a killed backup
     Copied copied;
-    // The store is first: it names the big values and files that are copied after it.
     fs::create_directory(to, wanted.folder, error);
     if (!error) fs::create_directory(to / ".usdlive", from, error);
     if (error) return cannotCopy(to, error);
+    // A live session may have received what the main line has: the main line is copied later. Of
+    // each, the store is first: it names the big values and files that are copied after it.
+    const auto sessions = copySessions(wanted.folder, to, copied);
+    if (!sessions) return tl::unexpected(sessions.error());
     if (auto done = copyStore(wanted.folder, to / ".usdlive" / "store", copied); !done) return done;
     const auto revision = verified(to / ".usdlive" / "store");
     if (!revision) return tl::unexpected(revision.error());
@@ -157,8 +213,11 @@ Result<void> backUp(Backup wanted) {
     if (done) done = draft.finish(wanted.target);
     if (!done) return done;
     constexpr std::uint64_t kMib = 1 << 20;
-    std::cout << wanted.target.string() << " has the project at revision " << *revision << ", with "
-              << copied.files << " files of " << (copied.bytes + kMib - 1) / kMib
+    std::cout << wanted.target.string() << " has the project at revision " << *revision
+              << (*sessions > 0 ? ", " + std::to_string(*sessions) +
+                                      (*sessions == 1 ? " live session" : " live sessions")
+                                : std::string())
+              << ", with " << copied.files << " files of " << (copied.bytes + kMib - 1) / kMib
               << " MiB. Serve it with: usdlive serve " << wanted.target.string() << "\n";
     return recordCommand(accountsFolderOf(wanted.folder), "backup made", wanted.target.string(),
                          projectNameOf(wanted.folder));
@@ -171,8 +230,8 @@ int runBackupCommand(int argc, const char* const* argv) {
     CLI::App app("Copies a project with its history, also while it is served and edited.",
                  kBackupCommand);
     app.footer(R"(
-The copy has everything that was confirmed to an editor before the command began. Its history is checked. It is a
-project of its own: serve it where it is, or in place of one that was lost.
+The copy has everything that was confirmed to an editor before the command began, also in live sessions. Its history is
+checked. It is a project of its own: serve it where it is, or in place of one that was lost.
 
 Example:
   usdlive backup shots/s010 /backup/s010-monday)");

@@ -99,7 +99,7 @@ ProjectRuntime::ProjectRuntime(asio::io_context& network, WorkerShares& workers,
                          "without entries",
                          {{"file", rulesFile_.path().string()}});
           }),
-      copies_(network, workers.history, StoreCopyFile(place_.folder), kCopyPause,
+      copies_(network, workers.history, StoreCopyFile(place_.history()), kCopyPause,
               [this](const std::string&, const std::optional<std::string>& name) {
                   if (name) copyStore(*name);
               }),
@@ -122,11 +122,9 @@ Result<void> ProjectRuntime::start(ProjectSetup setup) {
     auto rules = rulesFile_.read();
     if (!rules) return tl::unexpected(rules.error());
     rulesFollower_.start(rulesStamp);
-    if (!place_.isLiveSession()) {
-        const StoreCopyFile copies(place_.folder);
-        copies.removeCopies();
-        copies_.start(copies.stamp());
-    }
+    const StoreCopyFile copies(place_.history());
+    copies.removeCopies();
+    copies_.start(copies.stamp());
     if (*rules) rules_ = std::make_shared<const AccessRules>(std::move(**rules));
     makeProject(std::move(*beginning));
     storage_.start({
@@ -266,7 +264,7 @@ void ProjectRuntime::confirmRules(const std::string& stamp) const {
 
 /// The commits that were acknowledged before this are in the copy.
 void ProjectRuntime::copyStore(const std::string& name) {
-    workers_.history->post([this, name, file = StoreCopyFile(place_.folder)] {
+    workers_.history->post([this, name, file = StoreCopyFile(place_.history())] {
         const auto made =
             store_.use([&](CommitStore& store) { return store.copyTo(file.copy(name)); });
         file.writeAnswer(name, made);

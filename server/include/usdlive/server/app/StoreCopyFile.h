@@ -9,13 +9,14 @@
 
 namespace usdlive::server {
 
-/// The file `.usdlive/copy.json` of a project. `usdlive backup` writes the name of a copy, and the
-/// server makes the copy beside its store, at copy(), so that whoever writes the file chooses no
-/// other place. Any thread; blocks for the disk.
+/// The file `copy.json` beside the store of a project or a live session. `usdlive backup` writes
+/// the name of a copy, and the server makes the copy beside its store, at copy(), so that whoever
+/// writes the file chooses no other place. Any thread; blocks for the disk.
 class StoreCopyFile {
 public:
-    explicit StoreCopyFile(const std::filesystem::path& folder)
-        : folder_(folder / ".usdlive"), path_(folder_ / "copy.json") {}
+    /// `history`: see ProjectPlace::history().
+    explicit StoreCopyFile(const std::filesystem::path& history)
+        : folder_(history), path_(folder_ / "copy.json") {}
 
     // ---- the command
 
