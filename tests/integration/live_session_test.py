@@ -12,6 +12,7 @@ import sys
 import threading
 import urllib.error
 import urllib.request
+from random import Random
 
 import page_client
 import pytest
@@ -746,3 +747,65 @@ def test_a_backup_has_the_sessions(project, serve, tmp_path):
     copy.stop()
     # Without a server, the command opens the stores itself.
     assert ", 2 live sessions, with" in run("backup", str(tmp_path / "copy"), str(tmp_path / "again"))
+
+
+# --- any order of edits, merges and updates
+
+
+class Editor:
+    """An editor of one line that edits two layers at random: names of its own, and the few that both lines have."""
+
+    LAYERS = ("root.usda", "late.usda")
+
+    def __init__(self, url: str, user: str, random):
+        self.live = usdlive.connect(url, user=user, application="test")
+        self._random, self._user, self._count = random, user, 0
+
+    def edit(self) -> None:
+        layer = self.live.open_layer(self._random.choice(self.LAYERS))
+        prims = [prim.path for prim in layer.GetPrimAtPath("/World").nameChildren]
+        self._count += 1
+        kind, path = self._random.randrange(6), self._random.choice(prims) if prims else None
+        if kind < 2 or path is None:
+            prim = Sdf.CreatePrimInLayer(layer, f"/World/{self._user}{self._count}")
+            prim.specifier = Sdf.SpecifierDef
+            Sdf.AttributeSpec(prim, "radius", Sdf.ValueTypeNames.Double).default = self._count
+        elif kind == 2:
+            moved(layer, str(path), f"/World/{self._user}{self._count}")
+        elif kind == 3 and self._random.random() < 0.4:
+            moved(layer, str(path), "")
+        else:
+            prim = layer.GetPrimAtPath(path)
+            attribute = prim.attributes.get("radius") or Sdf.AttributeSpec(prim, "radius", Sdf.ValueTypeNames.Double)
+            attribute.default = self._count
+        assert self.live.flush(20)
+
+
+@pytest.mark.parametrize("seed", range(int(os.environ.get("USDLIVE_LINE_SEEDS", "3"))))
+def test_lv7_after_any_edits_merges_and_updates_the_lines_get_alike(seed, project, serve):
+    (project / "late.usda").write_text('#usda 1.0\n\ndef "World"\n{\n    def "One"\n    {\n    }\n}\n')
+    server, random = serve(project), Random(seed)
+    sessions = usdlive.sessions(server.url, user="cy")
+    first = Editor(server.url, "ada", random)
+    with first.live:
+        for _ in range(random.randrange(4)):
+            first.edit()
+        sessions.create("dusk", revision=random.randrange(first.live.revision + 1))
+        second = Editor(at(server, "dusk"), "bo", random)
+        with second.live:
+            for _ in range(30):
+                side = random.choice(("main", "session"))
+                match random.randrange(10):
+                    case 0:
+                        sessions.update("dusk", take=side)
+                    case 1:
+                        sessions.merge("dusk", take=side, keep=True)
+                    case 2:
+                        first.live.save()
+                    case _:
+                        random.choice((first, second)).edit()
+            sessions.update("dusk", take="session")
+            assert sessions.merge("dusk", keep=True).conflicts == ()
+            for layer in Editor.LAYERS:
+                assert cat(server, layer) == run("cat", f"{server.url}/{layer}?session=dusk"), layer
+            assert sessions.merge("dusk", keep=True).edits == sessions.update("dusk").edits == ()

@@ -255,6 +255,7 @@ Result<void> SessionMerge::mergeNewest() {
             if (const LayerDoc* content = into_.link->session().view(layer);
                 content && !(*content == merge_->into().at(layer)))
                 if (auto set = merge_->setContent(Side::Into, layer, *content); !set) return set;
+        if (auto matched = merge_->matchContents(); !matched) return matched;
         auto merged = merge_->merge(decide);
         if (!merged) return tl::unexpected(merged.error());
         merged_.dropped = merged->dropped;

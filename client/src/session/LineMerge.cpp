@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <set>
 #include <unordered_map>
+#include <utility>
 
 #include "session/OwnAddresses.h"
 #include "session/Prediction.h"
@@ -68,15 +69,23 @@ std::optional<std::string> placeIn(const LayerDoc& merged, const LayerDoc& commo
     return specpath::replacePrefix(path, parent, *now);
 }
 
+/// Says what becomes of a spec of `receiver` that was common and that `giver` has deleted.
+enum class Deleted {
+    Kept,     ///< it keeps its id
+    Replaced  ///< it is the spec that `giver` has at its place now, if there is one
+};
+
 /// Returns the content of `receiver` with the ids of `giver` for the specs that both have: those
 /// that both had in `common`, and those that are at the same place.
-LayerDoc matchedLines(const LayerDoc& common, const LayerDoc& giver, const LayerDoc& receiver) {
+LayerDoc matchedLines(const LayerDoc& common, const LayerDoc& giver, const LayerDoc& receiver,
+                      Deleted deleted) {
     const auto shared = pathsIn(common), given = pathsIn(giver), own = pathsIn(receiver);
     LayerDoc::Builder builder;
     std::unordered_map<NodeId, NodeId> ids{{0, 0}};
     NodeId next = std::max({common.nextId(), giver.nextId(), receiver.nextId()});
     const auto idIn = [&](const LayerDoc::SpecView& spec) -> NodeId {
-        if (shared.contains(spec.node) && given.contains(spec.node)) return spec.node;
+        if (shared.contains(spec.node) && (given.contains(spec.node) || deleted == Deleted::Kept))
+            return spec.node;
         const auto parent = given.find(ids.at(spec.parent));
         if (parent == given.end()) return 0;
         const std::string place(spec.path), above = specpath::parent(place);
@@ -104,7 +113,8 @@ bool leavesPlace(const EditAction& action) {
 Error impossible(const MergeConflict& conflict) {
     return {ErrorCode::InvalidArgument, conflict.layer.value + " " + conflict.path +
                                             " cannot be merged as it is: " + conflict.reason +
-                                            ". Rename it in one of both, or take main there"};
+                                            ". Rename it in one of both, or take the "
+                                            "other line there"};
 }
 
 const std::string* fieldWritten(const EditAction& action, FieldPart& part) {
@@ -130,8 +140,8 @@ Result<void> LineMerge::Line::add(const Commit& commit) {
 LineMerge::LineMerge(LayerDocs common, Revision revision)
     : common_(std::move(common)),
       revision_(revision),
-      from_{common_, {}, revision, {}},
-      into_{common_, {}, revision, {}} {}
+      from_{common_, {}, revision, {}, {}},
+      into_{common_, {}, revision, {}, {}} {}
 
 Result<void> LineMerge::Line::change(const LayerId& layer, const LayerDoc& content) {
     Commit commit;
@@ -141,35 +151,54 @@ Result<void> LineMerge::Line::change(const LayerId& layer, const LayerDoc& conte
     return applyCommit(docs, log, commit);
 }
 
-Result<void> LineMerge::setContent(Side side, const LayerId& layer, const LayerDoc& content) {
-    Line& line = side == Side::From ? from_ : into_;
-    const auto known = line.docs.find(layer);
-    if (known == line.docs.end()) return {};
-    return line.change(layer, matchedSpecs(known->second, content));
-}
-
-Result<void> LineMerge::received(Side side) {
-    Line& receiver = side == Side::From ? from_ : into_;
-    Line& giver = side == Side::From ? into_ : from_;
-    const Line before = receiver;
-    receiver.docs = giver.docs;
-    receiver.log = giver.log = {};
-    receiver.users.clear();
-    giver.users.clear();
-    for (const auto& [layer, given] : giver.docs) {
-        const LayerDoc own = matchedLines(common_.at(layer), given, before.docs.at(layer));
-        if (auto changed = receiver.change(layer, own); !changed) return changed;
-    }
+Result<void> LineMerge::Line::rebuild(const LayerDocs& base, const LayerDocs& contents) {
+    const Line before = std::exchange(*this, Line{base, {}, revision, {}, apart});
+    for (const auto& [layer, content] : contents)
+        if (auto changed = change(layer, content); !changed) return changed;
     for (const auto& [layer, doc] : before.docs) {
         const auto paths = pathsIn(doc);
         for (const auto& [spec, user] : before.users)
             if (const auto path = paths.find(spec.second);
                 spec.first == layer && path != paths.end())
-                receiver.users[{layer, idAt(receiver.docs.at(layer), path->second)}] = user;
+                users[{layer, idAt(docs.at(layer), path->second)}] = user;
     }
+    return {};
+}
+
+Result<void> LineMerge::setContent(Side side, const LayerId& layer, const LayerDoc& content) {
+    Line& line = side == Side::From ? from_ : into_;
+    const auto known = line.docs.find(layer);
+    if (known == line.docs.end()) return {};
+    line.apart.insert(layer);
+    return line.change(layer, matchedSpecs(known->second, content));
+}
+
+Result<void> LineMerge::matchContents() {
+    if (into_.apart.empty()) return {};
+    LayerDocs contents = into_.docs;
+    for (const LayerId& layer : into_.apart) {
+        const LayerDoc& common = common_.at(layer);
+        // The file of the layer may have had changes of the other line already.
+        for (const LayerDoc* places : {&common, &std::as_const(from_).docs.at(layer)})
+            contents[layer] = matchedLines(common, *places, contents.at(layer), Deleted::Kept);
+    }
+    return into_.rebuild(common_, contents);
+}
+
+Result<void> LineMerge::received(Side side) {
+    Line& receiver = side == Side::From ? from_ : into_;
+    Line& giver = side == Side::From ? into_ : from_;
+    LayerDocs contents;
+    for (const auto& [layer, given] : giver.docs)
+        contents[layer] =
+            matchedLines(common_.at(layer), given, receiver.docs.at(layer), Deleted::Replaced);
+    giver.log = {};
+    giver.users.clear();
+    giver.apart.clear();
+    receiver.apart.clear();
     common_ = giver.docs;
     revision_ = into_.revision;
-    return {};
+    return receiver.rebuild(common_, contents);
 }
 
 std::vector<LayerId> LineMerge::changed() const {

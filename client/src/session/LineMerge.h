@@ -5,6 +5,7 @@
 #include <functional>
 #include <map>
 #include <optional>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -60,6 +61,10 @@ public:
     /// began to use the layer with another content, for example. Specs are found again by their
     /// paths. Error: one of LayerDoc::apply().
     Result<void> setContent(Side line, const LayerId& layer, const LayerDoc& content);
+    /// Call it before merge() if setContent() was called and commits were added since. In a layer
+    /// that did not begin with the common content, a spec of Into is the common one that is or was
+    /// at its place, unless Into has that one elsewhere. Error: one of LayerDoc::apply().
+    Result<void> matchContents();
     /// The line `receiver` (From or Into) has received all that the other one has now: the commits
     /// added last to both are the merge and the newest that it has merged. What the other line has
     /// is common from now on; what the receiver has beside it counts as its own change. Error: one
@@ -90,10 +95,13 @@ private:
         NamespaceLog log;
         Revision revision;
         std::map<std::pair<LayerId, NodeId>, UserName> users;  // the last ones who changed a spec
+        std::set<LayerId> apart;  // layers that did not begin with the common content
 
         Result<void> add(const Commit& commit);
         /// Changes a layer to a content, whose ids are those of the layer for the same specs.
         Result<void> change(const LayerId& layer, const LayerDoc& content);
+        /// Begins again with `base`, and changes the layers to their contents.
+        Result<void> rebuild(const LayerDocs& base, const LayerDocs& contents);
     };
     class Comparison;
 

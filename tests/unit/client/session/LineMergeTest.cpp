@@ -590,3 +590,25 @@ TEST(LineMerge, ADecisionIsNotAskedForAgain) {
         EXPECT_EQ(numberIn(lines.session.doc, "/World/Ball"), both);
     }
 }
+
+// A line that has read the layer from its file later than the other one began with changes of it.
+TEST(LineMerge, ALayerThatTheLinesBeganToUseAtDifferentTimes) {
+    LineMerge merge({{kLayer, scene()}}, 4);
+    LayerDoc earlier;
+    ASSERT_TRUE(earlier.apply("/World", CreateSpec{}));
+    ASSERT_TRUE(earlier.apply("/World/Old", CreateSpec{}));
+    ASSERT_TRUE(merge.setContent(Side::Into, kLayer, earlier));
+    ASSERT_TRUE(merge.addInto(commitOf(5, {{"/World/Old", named("New")},
+                                           {"/World/Ball", CreateSpec{}},
+                                           {"/World/Ball", setInt("number", kMain)},
+                                           {"/World/Gone2", CreateSpec{}}})));
+    ASSERT_TRUE(merge.addFrom(
+        commitOf(5, {{"/World/Ball", setInt("number", kNew)}, {"/World/Gone", named("Gone2")}})));
+    ASSERT_TRUE(merge.matchContents());
+    const auto result = ended(merge, Side::From);
+    ASSERT_EQ(result.merged.conflicts.size(), 1u);
+    EXPECT_EQ(result.merged.conflicts.front().what, MergeConflict::What::Value);
+    EXPECT_EQ(result.merged.conflicts.front().intoUser, UserName{"ann"});
+    EXPECT_EQ(numberIn(result.content, "/World/Ball"), holding(kNew));
+    EXPECT_TRUE(result.content.has("/World/New"));
+}
