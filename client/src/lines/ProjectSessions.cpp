@@ -4,7 +4,7 @@
 #include <utility>
 
 #include "lines/SessionMerge.h"
-#include "link/OwnName.h"
+#include "link/Destination.h"
 
 namespace usdlive::client {
 
@@ -39,12 +39,10 @@ struct ProjectSessions::Place {
 
 Result<ProjectSessions> ProjectSessions::at(const std::string& address, const std::string& user,
                                             const std::string& token) {
-    auto server = parseServerAddress(address);
-    if (!server) return tl::unexpected(server.error());
-    if (!token.empty()) server->token = token;
-    const auto name = nameAt(*server, user);
-    if (!name) return tl::unexpected(name.error());
-    return ProjectSessions(std::make_shared<const Place>(Place{mainLineAddress(*server), *name}));
+    auto found = destinationOf(address, user, token);
+    if (!found) return tl::unexpected(found.error());
+    return ProjectSessions(std::make_shared<const Place>(
+        Place{mainLineAddress(found->address), std::move(found->user)}));
 }
 
 Result<std::vector<SessionInfo>> ProjectSessions::list() const {
