@@ -90,8 +90,8 @@ class ProjectSessions {
 public:
     /// `address`: of the server or of a project, as for Client::connect(); it is not used over DDS.
     /// `user`: the name to act in; empty: the one with which this user's programs connect. `token`:
-    /// signs in with it; empty: with the one that is known. Connects to nobody, unless the address is
-    /// an invitation, which is exchanged for a token. Errors: InvalidArgument,
+    /// signs in with it; empty: with the one that is known. Connects to nobody, unless the address
+    /// is an invitation, which is exchanged for a token. Errors: InvalidArgument,
     /// InvalidConfiguration, NotConnected.
     [[nodiscard]] static Result<ProjectSessions> at(const std::string& address,
                                                     const std::string& user = {},
