@@ -31,13 +31,15 @@ HERE = pathlib.Path(__file__).parent
 WORKER = os.environ.get("PYTEST_XDIST_WORKER", "gw0")
 
 # The files with the longest tests. Their tests begin first, so that no worker is left alone with one at the end.
-LONGEST = ["history_test.py", "crash_prefix_test.py", "stage_oracle_test.py", "damage_test.py", "kill_test.py",
-           "collect_test.py", "conformance_test.py", "network_test.py", "outside_test.py", "dds_test.py",
-           "journal_test.py", "crowd_test.py", "failing_io_test.py"]
+LONGEST = ["history_test.py", "page_browser_test.py", "frame_cost_test.py", "live_paths_test.py", "crash_prefix_test.py",
+           "stage_oracle_test.py", "damage_test.py", "kill_test.py", "collect_test.py", "conformance_test.py",
+           "network_test.py", "outside_test.py", "dds_test.py", "journal_test.py", "crowd_test.py",
+           "failing_io_test.py"]
 # Fixtures that many tests share. These tests run in one worker.
 SHARED = {"history", "installed", "pair", "prefix"}
 
 
+@pytest.hookimpl(tryfirst=True)  # pytest-xdist reads the marks in its own
 def pytest_collection_modifyitems(items):
     if "PYTEST_XDIST_WORKER" not in os.environ:
         return
@@ -47,8 +49,13 @@ def pytest_collection_modifyitems(items):
             item.add_marker(pytest.mark.xdist_group(fixture))
 
 
-def pytest_collection_finish():
-    """Leaves the tests themselves, some 100,000 objects, out of the garbage collections of the run."""
+def pytest_collection_finish(session):
+    """Checks that groups have an effect, because not every pytest-xdist knows how every pytest names a test: without
+    them, each worker makes what they share. And leaves the tests themselves, some 100,000 objects, out of the garbage
+    collections of the run."""
+    for item in session.items if "PYTEST_XDIST_WORKER" in os.environ else ():
+        group = item.get_closest_marker("xdist_group")
+        assert group is None or "@" in item.nodeid, f"pytest-xdist has not put {item.nodeid} into its group"
     gc.collect()
     gc.freeze()
 
