@@ -10,7 +10,11 @@ from conftest import HERE, Peer, cat
 from pxr import Sdf
 
 ENVIRONMENTS = pathlib.Path(os.environ["USDLIVE_PRODUCT_ENV"]).parent
-OLDEST, NEWEST, BUILT_FOR = "24.11", "26.11", "26.8"
+BUILT_FOR = "26.8"
+# The one version that `./run soak versions` tests now; else all that CI has.
+SOAKED = os.environ.get("USDLIVE_SOAK_PXR")
+OLDEST, NEWEST = (SOAKED, SOAKED) if SOAKED else ("24.11", "26.11")
+OTHERS = list(dict.fromkeys([OLDEST, NEWEST]))
 
 ROOT = """#usda 1.0
 (
@@ -122,18 +126,22 @@ class Editor(Peer):
 
     def __init__(self, python: str, backend: str, url: str, user: str, log: pathlib.Path):
         self.log = log
-        environment = {**os.environ, "PYTHONPATH": str(pathlib.Path(os.environ["USDLIVE_BUILD"]) / "python")}
         self.process = subprocess.Popen([python, str(HERE / "portable_peer.py"), backend, url, user, "root.usda"], text=True,
-                                        env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log.open("ab"))
+                                        env=environment(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log.open("ab"))
         self._answer()
+
+
+def environment() -> dict[str, str]:
+    """The environment of a process with any version: it has no module of the product's Python."""
+    return {**os.environ, "PYTHONPATH": os.pathsep.join([str(pathlib.Path(os.environ["USDLIVE_BUILD"]) / "python"), str(HERE)])}
 
 
 def python_of(version: str) -> str:
     if version == BUILT_FOR:
         return sys.executable
-    python = ENVIRONMENTS / f"pxr-{version}" / "bin" / "python"
+    python = ENVIRONMENTS / f"{'soak-' if SOAKED else ''}pxr-{version}" / "bin" / "python"
     if not python.exists():
-        pytest.skip(f"there is no environment with usd-core=={version}: ./run setup makes it")
+        pytest.skip(f"there is no environment with OpenUSD {version}: ./run setup makes it")
     return str(python)
 
 

@@ -1,6 +1,5 @@
 """Unsent work of the portable backend survives the end of its process, and comes back in either backend."""
 
-import os
 import pathlib
 import signal
 import subprocess
@@ -8,7 +7,7 @@ import time
 
 import pytest
 from conftest import cat
-from portable_editors import BUILT_FOR, NEWEST, OLDEST, all_synced, portable, python_of, served  # noqa: F401
+from portable_editors import BUILT_FOR, NEWEST, OLDEST, all_synced, environment, portable, python_of, served  # noqa: F401
 
 BIG = ("stage.DefinePrim('/Big').CreateAttribute('a', Sdf.ValueTypeNames.IntArray).Set(Vt.IntArray(list(range(7, 100_007))))\n"
        "assert stage.GetPrimAtPath('/Big').GetAttribute('a').Get()[0] == 7\n")
@@ -128,10 +127,9 @@ def test_close_says_what_was_not_sent_and_keeps_it(served, portable, tmp_path):
 
 def test_a_script_that_ends_without_close_has_sent_its_edits(served, portable):
     server = served()
-    script = ("import sys, usdlive\nfrom pxr import Usd\nlive = usdlive.connect(sys.argv[1], user='ada')\n"
+    script = ("import bundled_pxr, sys, usdlive\nfrom pxr import Usd\nlive = usdlive.connect(sys.argv[1], user='ada')\n"
               "stage = live.open_stage('root.usda')\nstage.DefinePrim('/World/AtTheEnd')\n")
-    environment = {**os.environ, "PYTHONPATH": str(pathlib.Path(os.environ["USDLIVE_BUILD"]) / "python")}
-    subprocess.run([python_of(NEWEST), "-c", script, server.url], check=True, env=environment)
+    subprocess.run([python_of(NEWEST), "-c", script, server.url], check=True, env=environment())
     assert '"AtTheEnd"' in cat(server, "root.usda")
 
 

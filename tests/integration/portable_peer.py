@@ -5,6 +5,7 @@ import json
 import sys
 import traceback
 
+import bundled_pxr  # noqa: F401
 import usdlive
 from pxr import Gf, Sdf, Usd, UsdGeom, Vt  # used by the statements
 
