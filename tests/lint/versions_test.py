@@ -43,6 +43,18 @@ def test_the_table_of_editors_has_what_the_wheel_needs():
     assert f"| `usd-core` {openusd}, CPython {python} | **works**" in embedding
 
 
+def test_the_table_of_openusd_has_each_environment_of_the_tests():
+    """The name of a list of packages, and the row of the table, have the version that the list installs."""
+    rows = set(re.findall(r"^\| [\d.]+ \| `([^`]+)`[^|]*\| `./run ([^`]+)` \| ", DOCUMENT, re.MULTILINE))
+    wanted = {("usd-core==26.8", "test")}
+    for path in (ROOT / ".ci").glob("requirements-*pxr-*.txt"):
+        package, version = re.search(r"^(usd-core|bpy)==([\w.]+)$", path.read_text(encoding="utf-8"), re.MULTILINE).groups()
+        soak, name = re.fullmatch(r"requirements-(soak-)?pxr-(.+)\.txt", path.name).groups()
+        assert name == (f"bpy-{version}" if package == "bpy" else version)
+        wanted.add((f"{package}=={version}", "soak versions" if soak else "test"))
+    assert rows == wanted
+
+
 def test_the_changelog_has_the_version_that_is_built():
     built = re.search(r"project\(usdlive VERSION (\S+)", (ROOT / "CMakeLists.txt").read_text(encoding="utf-8")).group(1)
     newest = re.search(r"^## (\S+)", (ROOT / "docs" / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE).group(1)
