@@ -41,8 +41,10 @@ private:
     const UserName& user_;
 };
 
-std::unordered_map<NodeId, std::string> pathsIn(const LayerDoc& doc) {
-    std::unordered_map<NodeId, std::string> paths;
+using Paths = std::unordered_map<NodeId, std::string>;
+
+Paths pathsIn(const LayerDoc& doc) {
+    Paths paths;
     doc.visit([&](const LayerDoc::SpecView& spec) { paths.emplace(spec.node, spec.path); });
     return paths;
 }
@@ -236,11 +238,6 @@ public:
         return conflict;
     }
 
-private:
-    [[nodiscard]] bool isCommon(NodeId node) const { return paths_.contains(node); }
-    [[nodiscard]] NodeId nodeAt(const std::string& path) const {
-        return evolving_.has(path) ? evolving_.idsAlong(path).back() : 0;
-    }
     /// Returns where the spec at a path of `evolving_` is in the other line, or would be; nothing:
     /// the line has deleted it.
     [[nodiscard]] std::optional<std::string> pathInto(const std::string& path) const {
@@ -256,6 +253,11 @@ private:
         return specpath::replacePrefix(path, parent, *above);
     }
 
+private:
+    [[nodiscard]] bool isCommon(NodeId node) const { return paths_.contains(node); }
+    [[nodiscard]] NodeId nodeAt(const std::string& path) const {
+        return evolving_.has(path) ? evolving_.idsAlong(path).back() : 0;
+    }
     [[nodiscard]] static UserName userOf(const Line& line, const LayerId& layer, NodeId node) {
         const auto found = line.users.find({layer, node});
         return found == line.users.end() ? UserName() : found->second;
@@ -334,9 +336,12 @@ private:
     [[nodiscard]] std::optional<MergeConflict> takenPlace(const std::string& path) const {
         const auto there = pathInto(path);
         const NodeId other = there ? idAt(into_, *there) : 0;
-        const bool isKept =
-            isCommon(other) && fromPaths_.contains(other) && idAt(from_, paths_.at(other)) == other;
-        if (!isKept || !hasMoved(other)) return std::nullopt;
+        if (!isCommon(other) || !hasMoved(other)) return std::nullopt;
+        // If the merged line has moved it, too, and before this, that is the conflict.
+        const auto from = fromPaths_.find(other);
+        if (from != fromPaths_.end() && hasMovedIn(from_, fromPaths_, other) &&
+            idAt(evolving_, from->second) == other)
+            return std::nullopt;
         auto found = conflict(MergeConflict::What::Refused, path, other);
         found.path = path;
         found.reason = "another spec was moved to " + *there;
@@ -366,19 +371,23 @@ private:
         });
         return user;
     }
-    /// Returns whether the other line has given the spec another name or parent.
-    [[nodiscard]] bool hasMoved(NodeId node) const {
-        const std::string& before = paths_.at(node);
-        const std::string& now = intoPaths_.at(node);
+    /// Returns whether a line has given the spec another name or parent.
+    [[nodiscard]] bool hasMovedIn(const LayerDoc& line, const Paths& paths, NodeId node) const {
+        const std::string &before = paths_.at(node), &now = paths.at(node);
         if (before == now) return false;
         if (specpath::last(before).name != specpath::last(now).name) return true;
-        return idAt(common_, specpath::parent(before)) != idAt(into_, specpath::parent(now));
+        return idAt(common_, specpath::parent(before)) != idAt(line, specpath::parent(now));
     }
+    [[nodiscard]] bool hasMoved(NodeId node) const { return hasMovedIn(into_, intoPaths_, node); }
     /// Returns whether both lines have given the spec the same name and parent.
     [[nodiscard]] bool isMovedAlike(NodeId node) const {
         const std::string &from = fromPaths_.at(node), &into = intoPaths_.at(node);
-        return specpath::last(from).name == specpath::last(into).name &&
-               idAt(from_, specpath::parent(from)) == idAt(into_, specpath::parent(into));
+        if (specpath::last(from).name != specpath::last(into).name) return false;
+        const std::string fromParent = specpath::parent(from), intoParent = specpath::parent(into);
+        const NodeId parent = idAt(from_, fromParent);
+        if (isCommon(parent)) return parent == idAt(into_, intoParent);
+        // Both lines give new specs the same ids.
+        return !isCommon(idAt(into_, intoParent)) && fromParent == intoParent;
     }
     /// Returns the nearest common spec above a path of `evolving_` if the other line has deleted
     /// it; else 0.
@@ -404,7 +413,7 @@ private:
     const LineMerge& merge_;
     const LayerId layer_;
     const LayerDoc &common_, &from_, &into_;
-    const std::unordered_map<NodeId, std::string> paths_, fromPaths_, intoPaths_;
+    const Paths paths_, fromPaths_, intoPaths_;
     LayerDoc evolving_;  // common_ with the edits up to now
 };
 
@@ -420,8 +429,9 @@ Result<LineMerge::Merged> LineMerge::merge(
     // Specs that the other line has deleted, and that are created again.
     std::vector<MergeConflict> again;
     std::set<std::uint32_t> leftOut;
-    std::vector<std::string> paths;  // those of the edits
-    // Places that stay taken, because a move or delete from there is left out.
+    std::vector<std::string> paths;   // those of the edits
+    std::vector<std::string> places;  // the specs that they change have these in the other line
+    // Places in the other line that stay taken, because a move or delete from there is left out.
     std::set<std::pair<LayerId, std::string>> taken;
     for (const LayerId& layer : changed()) {
         Comparison comparison(*this, layer);
@@ -431,6 +441,7 @@ Result<LineMerge::Merged> LineMerge::merge(
             Prognosis prognosis;
             auto edit = prediction.author({layer, path, action}, number, prognosis);
             if (!edit) return tl::unexpected(edit.error());
+            std::string place = comparison.pathInto(path).value_or(std::string());
             auto conflict = comparison.next(path, action);
             if (!conflict) return tl::unexpected(conflict.error());
             if (*conflict) {
@@ -445,7 +456,7 @@ Result<LineMerge::Merged> LineMerge::merge(
                 if (side != Side::From || isGone) {
                     edit->address = OwnAddresses::unresolvable(number);
                     leftOut.insert(number.edit);
-                    if (!isGone && leavesPlace(action)) taken.emplace(layer, path);
+                    if (!isGone && leavesPlace(action)) taken.emplace(layer, place);
                 }
                 if (isGone) deleted.emplace((*conflict)->path, side);
                 if (!isKnown) {
@@ -455,6 +466,7 @@ Result<LineMerge::Merged> LineMerge::merge(
             }
             transaction.edits.push_back(*std::move(edit));
             paths.push_back(path);
+            places.push_back(std::move(place));
         }
     }
     LayerDocs docs;
@@ -476,7 +488,7 @@ Result<LineMerge::Merged> LineMerge::merge(
         const Side side = decide(conflict);
         if (side == Side::From) return tl::unexpected(impossible(conflict));
         edit.address = OwnAddresses::unresolvable({kTransaction, index});
-        if (leavesPlace(edit.action)) taken.emplace(edit.layer, paths[index]);
+        if (leavesPlace(edit.action)) taken.emplace(edit.layer, places[index]);
         merged.conflicts.push_back(std::move(conflict));
         merged.decisions.push_back(side);
         return {};
@@ -485,7 +497,7 @@ Result<LineMerge::Merged> LineMerge::merge(
         for (std::uint32_t index = 0; index < transaction.edits.size(); ++index) {
             const Edit& edit = transaction.edits[index];
             if (std::holds_alternative<CreateSpec>(edit.action) && !leftOut.contains(index) &&
-                taken.contains({edit.layer, paths[index]}))
+                taken.contains({edit.layer, places[index]}))
                 return index;
         }
         return std::nullopt;

@@ -326,6 +326,19 @@ TEST(LineMerge, APlaceThatTheOtherLineHasTaken) {
     EXPECT_TRUE(result.content.has("/World/Sun"));
 }
 
+TEST(LineMerge, APlaceToWhichTheOtherLineHasMovedASpecOfARenamedParent) {
+    LineMerge merge({{kLayer, scene()}}, 4);
+    ASSERT_TRUE(merge.addFrom(commitOf(5, {{"/World", MoveSpec{{"/", {}}, "Set"}},
+                                           {"/Prop", CreateSpec{}},
+                                           {"/Prop", setInt("number", kNew)}})));
+    ASSERT_TRUE(merge.addInto(commitOf(5, {{"/World/Ball", MoveSpec{{"/", {}}, "Prop"}}})));
+    const auto result = ended(merge, Side::From);
+    ASSERT_EQ(result.merged.conflicts.size(), 1u);
+    EXPECT_EQ(result.merged.conflicts.front().what, MergeConflict::What::Refused);
+    EXPECT_EQ(numberIn(result.content, "/Prop"), holding(kOld)) << result.content.dump();
+    EXPECT_TRUE(result.content.has("/Set"));
+}
+
 TEST(LineMerge, ASpecThatBothHaveRenamed) {
     LineMerge merge({{kLayer, scene()}}, 4);
     ASSERT_TRUE(merge.addFrom(
@@ -338,6 +351,38 @@ TEST(LineMerge, ASpecThatBothHaveRenamed) {
         const std::string name = side == Side::From ? "/World/Sun" : "/World/Moon";
         EXPECT_EQ(numberIn(result.content, name), holding(kNew)) << result.content.dump();
     }
+}
+
+TEST(LineMerge, ASpecThatBothHaveMovedIntoNewOnes) {
+    const auto moved = [](const char* parent) {
+        const std::string path = std::string("/World/") + parent;
+        return commitOf(
+            5, {{path, CreateSpec{SpecKind::Prim}}, {"/World/Ball", MoveSpec{{path, {}}, "Ball"}}});
+    };
+    for (const char* other : {"Box", "Bag"}) {
+        LineMerge merge({{kLayer, scene()}}, 4);
+        ASSERT_TRUE(merge.addFrom(moved("Bag")));
+        ASSERT_TRUE(merge.addInto(moved(other)));
+        const auto result = ended(merge, Side::From);
+        const std::size_t expected = other == std::string("Bag") ? 0 : 1;
+        EXPECT_EQ(result.merged.conflicts.size(), expected) << other;
+        EXPECT_TRUE(result.content.has("/World/Bag/Ball")) << result.content.dump();
+    }
+}
+
+TEST(LineMerge, ANewSpecWhereOneStaysThatBothHaveMoved) {
+    LineMerge merge({{kLayer, scene()}}, 4);
+    ASSERT_TRUE(merge.addFrom(commitOf(5, {{"/World/Ball", named("Sun")},
+                                           {"/World/Moon", CreateSpec{}},
+                                           {"/World/Moon", setInt("number", kNew)}})));
+    ASSERT_TRUE(merge.addInto(commitOf(5, {{"/World/Ball", named("Moon")}})));
+    const auto main = ended(merge, Side::Into);
+    EXPECT_EQ(main.merged.conflicts.size(), 2u);
+    EXPECT_EQ(numberIn(main.content, "/World/Moon"), holding(kOld)) << main.content.dump();
+    const auto session = ended(merge, Side::From);
+    EXPECT_EQ(session.merged.conflicts.size(), 1u);
+    EXPECT_EQ(numberIn(session.content, "/World/Sun"), holding(kOld)) << session.content.dump();
+    EXPECT_EQ(numberIn(session.content, "/World/Moon"), holding(kNew));
 }
 
 // ---- lines that are merged several times, in both directions
