@@ -1,6 +1,7 @@
 """UsdContext: every operation in its three forms, its events, its errors; on files and live."""
 
 import asyncio
+import gc
 import os
 import pathlib
 import signal
@@ -951,6 +952,17 @@ def test_discarded_edits_do_not_come_back(again, ctx, ball):
     assert ctx.reopen_stage() if again == "reopen_stage" else ctx.open_stage(ball)
     assert radius(ctx.get_stage()).Get() == 1 and not ctx.has_pending_edit()
     assert ctx.save_stage() and "radius = 1" in pathlib.Path(ball).read_text()
+
+
+def test_a_layer_after_the_one_with_discarded_edits_keeps_its_own(ctx, ball):
+    assert ctx.open_stage(ball)
+    radius(ctx.get_stage()).Set(5.0)
+    assert ctx.close_stage()
+    gc.collect()
+    assert Sdf.Layer.Find(ball) is None
+    stage = Usd.Stage.Open(ball)
+    radius(stage).Set(6.0)
+    assert ctx.open_stage(ball) and radius(stage).Get() == 6 == radius(ctx.get_stage()).Get()
 
 
 @pytest.mark.parametrize("how", ["subLayers = [@./ball.usda@]", "references"])

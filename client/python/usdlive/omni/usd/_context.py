@@ -71,9 +71,9 @@ class _Opened:
 
 
 _contexts: weakref.WeakSet[UsdContext] = weakref.WeakSet()  # all existing contexts
-# Identifiers of layers whose unsaved edits were discarded with a closed stage. If a reference keeps
-# such a layer alive, the next open reads its file again.
-_discarded: set[str] = set()
+# Layers whose unsaved edits were discarded with a closed stage, by their identifiers. If a reference keeps such a layer
+# alive, the next open reads its file again. A later layer of that file is another one.
+_discarded: dict[str, weakref.ref[Sdf.Layer]] = {}
 
 
 class UsdContext:
@@ -491,7 +491,7 @@ class UsdContext:
         try:
             self._distribute()
             if opened.owned:  # otherwise the owner keeps using them
-                unsaved = [layer.identifier for layer in opened.stage.GetUsedLayers() if layer.dirty
+                unsaved = [layer for layer in opened.stage.GetUsedLayers() if layer.dirty
                            and not layer.anonymous and not self.is_live_layer(layer)]
             if opened.live:
                 text = yield from opened.live.leave(discard=self._pending_edit is False)
@@ -502,7 +502,7 @@ class UsdContext:
             raise
         self._selection.clear_selected_prim_paths()
         opened.notice.Revoke()
-        _discarded.update(unsaved)
+        _discarded.update((layer.identifier, weakref.ref(layer)) for layer in unsaved)
         self._opened = None
         self._pending_edit, self._was_dirty = None, False
         self._hierarchy_changed = False
@@ -583,10 +583,9 @@ class UsdContext:
     def _check_not_shared(self, layers: typing.Iterable[Sdf.Layer]) -> None:
         """Refuses to discard edits that are the unsaved work of another context."""
         # By name: two Python objects of one layer are equal, but have different hashes.
-        discarded = _discarded | ({layer.identifier for layer in self._opened.stage.GetUsedLayers()}
-                                  if self._opened else set())
+        own = {layer.identifier for layer in self._opened.stage.GetUsedLayers()} if self._opened else set()
         for layer in layers:
-            if not layer.dirty or layer.anonymous or layer.identifier not in discarded:
+            if not layer.dirty or layer.anonymous or layer.identifier not in own and not _is_discarded(layer):
                 continue
             for other in _contexts:
                 if other.is_live_layer(layer):
@@ -801,11 +800,17 @@ def _load(load_set: UsdContextInitialLoadSet) -> Usd.Stage.InitialLoadSet:
     return Usd.Stage.LoadNone if load_set == LOAD_NONE else Usd.Stage.LoadAll
 
 
+def _is_discarded(layer: Sdf.Layer) -> bool:
+    kept = _discarded.get(layer.identifier)
+    return kept is not None and kept() is not None and not kept().expired
+
+
 def _read_anew(layers: typing.Iterable[Sdf.Layer]) -> None:
     """Reads files again whose layers somebody still holds, so that they open as on the disk: those with edits of a
     closed stage, and those whose file has changed. Other edits stay."""
     files = [layer for layer in layers if not layer.anonymous]
-    chosen = [layer for layer in files if layer.identifier in _discarded]
+    chosen = [layer for layer in files if _is_discarded(layer)]
     Sdf.Layer.ReloadLayers([layer for layer in chosen if layer.dirty], True)
     Sdf.Layer.ReloadLayers([layer for layer in files if not layer.dirty])
-    _discarded.difference_update(layer.identifier for layer in chosen)
+    for layer in chosen:
+        del _discarded[layer.identifier]
