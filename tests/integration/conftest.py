@@ -60,6 +60,18 @@ def pytest_collection_finish(session):
     gc.freeze()
 
 
+_folders = itertools.count()
+
+
+@pytest.fixture
+def tmp_path(tmp_path):
+    """A folder whose path no earlier test of this process had, although pytest removes those of tests that passed: a
+    layer may outlive its test, and whoever opens its path gets it."""
+    folder = tmp_path / str(next(_folders))
+    folder.mkdir()
+    return folder
+
+
 @pytest.fixture
 def uncollected():
     """Nothing is collected in a test that measures processor time: one collection can take 0.3 s."""

@@ -183,7 +183,7 @@ for line in sys.stdin:
     ("/departments", b" " * (17 << 20), "the answer is too large: it has more than 16777216 bytes"),
     ("/departments", 500, "HTTP 500"),
     ("/departments", 301, "HTTP 301"),
-])
+], ids=lambda value: repr(value)[:40])  # pytest writes them into the environment, which has a limit
 def test_departments_that_cannot_be_read_are_an_error(tmp_path, museum, target, body, cause):
     if isinstance(body, int):
         museum.statuses[target] = body

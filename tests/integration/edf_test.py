@@ -644,7 +644,7 @@ def test_a_changed_table_is_read_by_reload(forest):
     ("asset," + ",".join(f"c{i}" for i in range(250)) + "\n" + ("," * 250 + "\n") * 8_000, "more than 2000000 cells"),
     ("asset,note\n./t.usda,caf\xe9\n".encode("latin-1"), "line 2: the text is not UTF-8, perhaps Latin-1; save"),
     ("asset\n./t.usda\n".encode("utf-16"), "line 1: the text is not UTF-8, perhaps UTF-16; save"),
-])
+], ids=lambda value: repr(value)[:40])  # pytest writes them into the environment, which has a limit
 def test_malformed_tables_name_the_line(forest, table, cause):
     (forest / "bad.csv").write_bytes(table if isinstance(table, bytes) else table.encode())
     scene(forest, placed("A", table="./bad.csv"), placed("B", table="./trees.csv"))
