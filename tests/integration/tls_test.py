@@ -253,14 +253,15 @@ def test_en1_plain_and_encrypted_do_not_meet(project, tmp_path, serve):
         shown(plain)
 
 
-def test_en5_a_token_of_an_encrypted_server_is_not_sent_in_plain_text(tmp_path, monkeypatch):
-    with socket.create_server(("127.0.0.1", unused_port())) as listener:
-        listener.settimeout(20)
-        port = listener.getsockname()[1]
-        file = tmp_path / "config" / "usdlive" / "servers.json"
-        file.parent.mkdir(parents=True)
+def test_en5_a_token_of_an_encrypted_server_is_not_sent_in_plain_text(tmp_path):
+    file = tmp_path / "config" / "usdlive" / "servers.json"
+    file.parent.mkdir(parents=True)
 
-        def request(is_tls: bool) -> bytes:
+    def request(is_tls: bool) -> bytes:
+        # A listener of its own: the client of another request may have connected again.
+        with socket.create_server(("127.0.0.1", unused_port())) as listener:
+            listener.settimeout(20)
+            port = listener.getsockname()[1]
             file.write_text(json.dumps({"servers": {f"127.0.0.1:{port}": {"token": "secret", "tls": is_tls}}}))
             file.chmod(0o600)
             client = subprocess.Popen([os.environ["USDLIVE_BIN"], "who", f"ws://127.0.0.1:{port}"],
@@ -271,8 +272,8 @@ def test_en5_a_token_of_an_encrypted_server_is_not_sent_in_plain_text(tmp_path, 
             client.wait(timeout=20)
             return text
 
-        assert b"Authorization: Bearer secret" in request(is_tls=False)
-        assert b"secret" not in request(is_tls=True)
+    assert b"Authorization: Bearer secret" in request(is_tls=False)
+    assert b"secret" not in request(is_tls=True)
 
 
 def test_files_are_downloaded_over_https(project, serve):
