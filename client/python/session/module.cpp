@@ -196,22 +196,12 @@ public:
     void showPresence(const std::vector<std::string>& selection, const std::vector<double>& camera,
                       std::optional<double> time, const std::string& editTarget,
                       const std::string& data) {
-        Presence presence;
-        presence.selection = selection;
-        presence.camera = camera;
-        presence.time = time;
-        presence.editTarget = editTarget;
-        presence.data = data;
+        Presence presence{{}, {}, {}, selection, camera, time, editTarget, data};
         if (const auto shown = session("show_presence").showPresence(std::move(presence)); !shown)
             raise(shown.error());
     }
     void hidePresence() { session("hide_presence").hidePresence(); }
-    nb::list presences() {
-        nb::list all;
-        for (const auto& [id, presence] : session("presences").presences())
-            all.append(toDictionary(presence));
-        return all;
-    }
+    nb::list presences() { return toDictionaries(session("presences").presences()); }
 
     // --- unsent and lost work
 

@@ -403,6 +403,12 @@ nb::dict toDictionary(const Presence& presence) {
     return d;
 }
 
+nb::list toDictionaries(const std::map<ClientId, Presence>& presences) {
+    nb::list all;
+    for (const auto& [client, presence] : presences) all.append(toDictionary(presence));
+    return all;
+}
+
 nb::dict toDictionary(const client::Event& event) {
     return std::visit([](const auto& each) { return convert(each); }, event);
 }

@@ -3,6 +3,8 @@
 
 #include <nanobind/nanobind.h>
 
+#include <map>
+
 #include "usdlive/client/history/History.h"
 #include "usdlive/client/lines/ProjectSessions.h"
 #include "usdlive/client/session/Events.h"
@@ -27,5 +29,6 @@ namespace usdlive {
 [[nodiscard]] nanobind::dict toDictionary(const client::SessionMerged& merged);
 nanobind::dict toDictionary(const LayerState& state);
 [[nodiscard]] nanobind::dict toDictionary(const Presence& presence);
+[[nodiscard]] nanobind::list toDictionaries(const std::map<ClientId, Presence>& presences);
 
 }  // namespace usdlive

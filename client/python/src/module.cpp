@@ -358,22 +358,12 @@ public:
     void showPresence(const std::vector<std::string>& selection, const std::vector<double>& camera,
                       std::optional<double> time, const std::string& editTarget,
                       const std::string& data) {
-        Presence presence;
-        presence.selection = selection;
-        presence.camera = camera;
-        presence.time = time;
-        presence.editTarget = editTarget;
-        presence.data = data;
+        Presence presence{{}, {}, {}, selection, camera, time, editTarget, data};
         if (const auto shown = client("show_presence").showPresence(std::move(presence)); !shown)
             raise(shown.error());
     }
 
-    nb::list presences() {
-        nb::list presences;
-        for (const auto& [id, presence] : client("presences").presences())
-            presences.append(toDictionary(presence));
-        return presences;
-    }
+    nb::list presences() { return toDictionaries(client("presences").presences()); }
 
     std::string lostWorkAsLayer(std::uint64_t index, const std::string& name) {
         lostLayers_.push_back(orRaise(
