@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import threading
+import typing
 import urllib.error
 import urllib.request
 from random import Random
@@ -76,6 +77,17 @@ def moved(layer: Sdf.Layer, before: str, after: str) -> None:
     batch = Sdf.BatchNamespaceEdit()
     batch.Add(before, after or Sdf.Path.emptyPath)
     assert layer.Apply(batch)
+
+
+@contextlib.contextmanager
+def two_lines(server) -> typing.Iterator[tuple[usdlive.Live, Sdf.Layer, usdlive.Live, Sdf.Layer]]:
+    """ada is in the main line and bo in the new session dusk, each with root.usda: `layer` and `idea`."""
+    with connect(server, "ada") as ada:
+        layer = ada.open_layer("root.usda")
+        assert ada.flush(20)
+        run("session", "create", server.url, "dusk")
+        with join(server, "dusk", "bo") as bo:
+            yield ada, layer, bo, bo.open_layer("root.usda")
 
 
 def test_lv1_a_live_session_goes_its_own_way(project, serve):
@@ -318,16 +330,11 @@ def test_lv6_a_merge_carries_a_session_through_what_happened(project, serve):
 
 def test_lv6_conflicts_are_decided_before_anything_is_merged(project, serve):
     server = serve(project)
-    with connect(server, "ada") as ada:
-        layer = ada.open_layer("root.usda")
-        assert ada.flush(20)
-        run("session", "create", server.url, "dusk")
-        with join(server, "dusk", "bo") as bo:
-            idea = bo.open_layer("root.usda")
-            idea.GetAttributeAtPath("/World.number").default = 22
-            idea.GetAttributeAtPath("/World/Ball.radius").default = 7
-            idea.GetAttributeAtPath("/World/Gone.radius").default = 6
-            assert bo.flush(20)
+    with two_lines(server) as (ada, layer, bo, idea):
+        idea.GetAttributeAtPath("/World.number").default = 22
+        idea.GetAttributeAtPath("/World/Ball.radius").default = 7
+        idea.GetAttributeAtPath("/World/Gone.radius").default = 6
+        assert bo.flush(20)
         layer.GetAttributeAtPath("/World.number").default = 11
         moved(layer, "/World/Gone", "")
         assert ada.flush(20)
@@ -451,28 +458,23 @@ def nothing(server, verb: str, *options: str) -> bool:
 
 def test_lv7_an_update_brings_the_main_lines_changes(project, serve):
     server = serve(project)
-    with connect(server, "ada") as ada:
-        layer = ada.open_layer("root.usda")
-        assert ada.flush(20)
-        run("session", "create", server.url, "dusk")
-        with join(server, "dusk", "bo") as bo:
-            idea = bo.open_layer("root.usda")
-            idea.GetAttributeAtPath("/World/Ball.radius").default = 7
-            moved(layer, "/World/Ball", "/World/Globe")
-            layer.GetAttributeAtPath("/World.number").default = 3
-            layer.GetAttributeAtPath("/World.points").default = Vt.Vec3fArray(BIG, Gf.Vec3f(1, 2, 3))
-            ada.create_layer("new.usda")
-            Sdf.CreatePrimInLayer(ada.open_layer("new.usda"), "/New").specifier = Sdf.SpecifierDef
-            assert bo.flush(20) and ada.flush(20)
-            dry = json.loads(run(*UPDATE, server.url, "dusk", "--dry-run", "--json"))
-            assert (dry["conflicts"], dry["dropped"], dry["dryRun"], "revision" in dry) == ([], 0, True, False)
-            assert {edit["layer"] for edit in dry["edits"]} == {"root.usda", "new.usda"}
-            done = json.loads(run(*UPDATE, server.url, "dusk", "--json"))
-            assert done["conflicts"] == [] and done["revision"] > 0
-            assert bo.wait(lambda: idea.GetPrimAtPath("/World/Globe") and number(idea) == 3, 20)
-            assert idea.GetAttributeAtPath("/World/Globe.radius").default == 7
-            points = idea.GetAttributeAtPath("/World.points")
-            assert bo.wait(lambda: points.default and len(points.default) == BIG, 20)
+    with two_lines(server) as (ada, layer, bo, idea):
+        idea.GetAttributeAtPath("/World/Ball.radius").default = 7
+        moved(layer, "/World/Ball", "/World/Globe")
+        layer.GetAttributeAtPath("/World.number").default = 3
+        layer.GetAttributeAtPath("/World.points").default = Vt.Vec3fArray(BIG, Gf.Vec3f(1, 2, 3))
+        ada.create_layer("new.usda")
+        Sdf.CreatePrimInLayer(ada.open_layer("new.usda"), "/New").specifier = Sdf.SpecifierDef
+        assert bo.flush(20) and ada.flush(20)
+        dry = json.loads(run(*UPDATE, server.url, "dusk", "--dry-run", "--json"))
+        assert (dry["conflicts"], dry["dropped"], dry["dryRun"], "revision" in dry) == ([], 0, True, False)
+        assert {edit["layer"] for edit in dry["edits"]} == {"root.usda", "new.usda"}
+        done = json.loads(run(*UPDATE, server.url, "dusk", "--json"))
+        assert done["conflicts"] == [] and done["revision"] > 0
+        assert bo.wait(lambda: idea.GetPrimAtPath("/World/Globe") and number(idea) == 3, 20)
+        assert idea.GetAttributeAtPath("/World/Globe.radius").default == 7
+        points = idea.GetAttributeAtPath("/World.points")
+        assert bo.wait(lambda: points.default and len(points.default) == BIG, 20)
         assert "New" in run("cat", f"{server.url}/new.usda?session=dusk")
         assert "Update from the main line" in run("log", at(server, "dusk"))
         assert nothing(server, "update")
@@ -484,61 +486,52 @@ def test_lv7_an_update_brings_the_main_lines_changes(project, serve):
 
 def test_lv7_what_was_merged_twice_is_neither_a_conflict_nor_taken_back(project, serve):
     server = serve(project)
-    with connect(server, "ada") as ada:
-        layer = ada.open_layer("root.usda")
+    with two_lines(server) as (ada, layer, bo, idea):
+        idea.GetAttributeAtPath("/World/Ball.radius").default = 7
+        layer.GetAttributeAtPath("/World.number").default = 3
+        Sdf.CreatePrimInLayer(idea, "/World/New").specifier = Sdf.SpecifierDef
+        assert bo.flush(20) and ada.flush(20)
+        run(*UPDATE, server.url, "dusk")
+        run(*MERGE, server.url, "dusk", "--keep")
+        assert ada.wait(lambda: radius(layer) == 7 and layer.GetPrimAtPath("/World/New"), 20)
+        # The main line goes on: the session, which has not changed it since, takes nothing back.
+        layer.GetAttributeAtPath("/World/Ball.radius").default = 1
+        moved(layer, "/World/New", "/World/Newer")
         assert ada.flush(20)
-        run("session", "create", server.url, "dusk")
-        with join(server, "dusk", "bo") as bo:
-            idea = bo.open_layer("root.usda")
-            idea.GetAttributeAtPath("/World/Ball.radius").default = 7
-            layer.GetAttributeAtPath("/World.number").default = 3
-            Sdf.CreatePrimInLayer(idea, "/World/New").specifier = Sdf.SpecifierDef
-            assert bo.flush(20) and ada.flush(20)
-            run(*UPDATE, server.url, "dusk")
-            run(*MERGE, server.url, "dusk", "--keep")
-            assert ada.wait(lambda: radius(layer) == 7 and layer.GetPrimAtPath("/World/New"), 20)
-            # The main line goes on: the session, which has not changed it since, takes nothing back.
-            layer.GetAttributeAtPath("/World/Ball.radius").default = 1
-            moved(layer, "/World/New", "/World/Newer")
-            assert ada.flush(20)
-            assert nothing(server, "merge", "--keep")
-            # A change of what was merged finds it under its new name.
-            idea.GetPrimAtPath("/World/New").typeName = "Cube"
-            assert bo.flush(20)
-            run(*MERGE, server.url, "dusk", "--keep")
-            assert ada.wait(lambda: layer.GetPrimAtPath("/World/Newer").typeName == "Cube", 20)
-            assert radius(layer) == 1 and not layer.GetPrimAtPath("/World/New")
-            run(*UPDATE, server.url, "dusk")
-            assert bo.wait(lambda: radius(idea) == 1 and idea.GetPrimAtPath("/World/Newer"), 20)
-            # Both change the same again: that is a conflict, with the contents since the last merge.
-            idea.GetAttributeAtPath("/World/Ball.radius").default = 8
-            layer.GetAttributeAtPath("/World/Ball.radius").default = 9
-            assert bo.flush(20) and ada.flush(20)
-            for verb in ("merge", "update"):
-                said = json.loads(run("session", verb, server.url, "dusk", "--dry-run", "--json"))
-                [one] = said["conflicts"]
-                assert [one[side]["value"] if isinstance(one[side], dict) else one[side]
-                        for side in ("before", "main", "session")] == [1, 9, 8]
-                assert (one["mainUser"], one["sessionUser"]) == ("ada", "bo")
-            assert "1 conflict is not decided" in refused(*UPDATE, server.url, "dusk")
-            run(*UPDATE, server.url, "dusk", "--take", "main", "--session", "/World/Ball")
-            assert radius(idea) == 8 and nothing(server, "update")
-            run(*MERGE, server.url, "dusk")
-            assert ada.wait(lambda: radius(layer) == 8, 20), "the decision is not asked for again"
-            assert cat(server, "root.usda") == run("cat", f"{server.url}/root.usda") != ROOT
+        assert nothing(server, "merge", "--keep")
+        # A change of what was merged finds it under its new name.
+        idea.GetPrimAtPath("/World/New").typeName = "Cube"
+        assert bo.flush(20)
+        run(*MERGE, server.url, "dusk", "--keep")
+        assert ada.wait(lambda: layer.GetPrimAtPath("/World/Newer").typeName == "Cube", 20)
+        assert radius(layer) == 1 and not layer.GetPrimAtPath("/World/New")
+        run(*UPDATE, server.url, "dusk")
+        assert bo.wait(lambda: radius(idea) == 1 and idea.GetPrimAtPath("/World/Newer"), 20)
+        # Both change the same again: that is a conflict, with the contents since the last merge.
+        idea.GetAttributeAtPath("/World/Ball.radius").default = 8
+        layer.GetAttributeAtPath("/World/Ball.radius").default = 9
+        assert bo.flush(20) and ada.flush(20)
+        for verb in ("merge", "update"):
+            said = json.loads(run("session", verb, server.url, "dusk", "--dry-run", "--json"))
+            [one] = said["conflicts"]
+            assert [one[side]["value"] if isinstance(one[side], dict) else one[side]
+                    for side in ("before", "main", "session")] == [1, 9, 8]
+            assert (one["mainUser"], one["sessionUser"]) == ("ada", "bo")
+        assert "1 conflict is not decided" in refused(*UPDATE, server.url, "dusk")
+        run(*UPDATE, server.url, "dusk", "--take", "main", "--session", "/World/Ball")
+        assert radius(idea) == 8 and nothing(server, "update")
+        run(*MERGE, server.url, "dusk")
+        assert ada.wait(lambda: radius(layer) == 8, 20), "the decision is not asked for again"
+        assert cat(server, "root.usda") == run("cat", f"{server.url}/root.usda") != ROOT
 
 
 def test_lv7_a_decision_for_the_line_that_receives_is_kept(project, serve):
     """Nothing is committed then, and it counts all the same."""
     server = serve(project)
-    with connect(server, "ada") as ada:
-        layer = ada.open_layer("root.usda")
-        assert ada.flush(20)
-        run("session", "create", server.url, "dusk")
-        with join(server, "dusk", "bo") as bo:
-            bo.open_layer("root.usda").GetAttributeAtPath("/World.number").default = 2
-            layer.GetAttributeAtPath("/World.number").default = 3
-            assert bo.flush(20) and ada.flush(20)
+    with two_lines(server) as (ada, layer, bo, idea):
+        idea.GetAttributeAtPath("/World.number").default = 2
+        layer.GetAttributeAtPath("/World.number").default = 3
+        assert bo.flush(20) and ada.flush(20)
         assert "nothing to be merged" in run(*MERGE, server.url, "dusk", "--keep", "--take", "main")
         assert nothing(server, "merge", "--keep")
         run(*UPDATE, server.url, "dusk")
