@@ -14,7 +14,6 @@ the C library has already freed, but not returned to the system.
 import argparse
 import ctypes
 import json
-import os
 import pathlib
 import subprocess
 import sys
@@ -22,6 +21,7 @@ import tempfile
 import time
 
 from pxr import Sdf, Usd
+from support.serving import serve
 
 LAYER = "scene.usda"
 
@@ -101,16 +101,12 @@ def main() -> None:
         return
 
     with tempfile.TemporaryDirectory() as folder:
-        project, port = pathlib.Path(folder, "project"), pathlib.Path(folder, "port")
+        project = pathlib.Path(folder, "project")
         project.mkdir()
         (project / LAYER).write_text("#usda 1.0\n")
-        command = [os.environ["USDLIVE_SERVER_BIN"], project, "--port", "0", "--port-file", port, "--min-free-mib", "1"]
-        server = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        server, port = serve(project, "--min-free-mib", "1", stderr=subprocess.DEVNULL)
         try:
-            while not port.exists() or not port.read_text():
-                assert server.poll() is None, "the server has ended"
-                time.sleep(0.05)
-            url = f"ws://127.0.0.1:{port.read_text().strip()}"
+            url = f"ws://127.0.0.1:{port}"
             ours = {role: run(role, url, options.attributes) for role in ("writer", "follower")}
         finally:
             server.kill()

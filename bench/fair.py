@@ -45,6 +45,7 @@ sys.path.insert(0, str(ROOT / "tests" / "integration"))
 
 import wire  # noqa: E402
 from crowd import STAMP, Connection, Crowd, percentile, stamped  # noqa: E402
+from support.serving import serve  # noqa: E402
 
 BIN = pathlib.Path(os.environ.get("USDLIVE_BENCH_BIN", ROOT / "build" / "release" / "bin"))
 HONEST, RATE, EDIT_BYTES, LAYERS = 10, 5, 128, 200
@@ -67,14 +68,8 @@ class Server:
         users = [*(f"ann{number}" for number in range(HONEST)), "script"]
         for user in users:
             self.command("user", "add", user, "--at", "127.0.0.1:1", self.project)
-        ports = folder / "port"
-        self.process = subprocess.Popen([BIN / "usdlive-server", self.project, "--port", "0", "--port-file", ports],
-                                        env=self.environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        while not ports.exists():
-            if self.process.poll() is not None:
-                raise RuntimeError("the server has ended")
-            time.sleep(0.05)
-        self.port = int(ports.read_text())
+        self.process, self.port = serve(self.project, program=(BIN / "usdlive-server",), env=self.environment,
+                                        stderr=subprocess.DEVNULL)
         self.tokens = [self.join(user) for user in users]
 
     def command(self, *words: object) -> str:

@@ -19,7 +19,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import pathlib
 import random
 import statistics
@@ -33,6 +32,7 @@ sys.path.insert(0, str(ROOT / "tests" / "integration"))
 BIN = ROOT / "build" / "release" / "bin"
 
 import usdlive  # noqa: E402
+from support.serving import serve  # noqa: E402
 
 ATTRIBUTES = 1_000
 LAYER = ('#usda 1.0\n\ndef "World"\n{\n    double first\n'
@@ -115,13 +115,9 @@ def main() -> None:
         project.mkdir()
         (project / "shot.usda").write_text(LAYER)
         (project / "fields.usda").write_text(fields_layer(options.fields))
-        port_file = pathlib.Path(folder) / "port"
-        server = subprocess.Popen([BIN / "usdlive", "serve", project, "--port", "0", "--port-file", port_file,
-                                   "--durability", "os"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        server, port = serve(project, "--durability", "os", program=(BIN / "usdlive", "serve"), stderr=subprocess.DEVNULL)
         try:
-            while not port_file.exists():
-                time.sleep(0.01)
-            url = f"ws://127.0.0.1:{port_file.read_text().strip()}"
+            url = f"ws://127.0.0.1:{port}"
             played = play(url, options.fields)
             fill(url, options.commits)
             log = subprocess.run([BIN / "usdlive", "log", "--json", "-n", "1", url], capture_output=True, text=True,

@@ -30,6 +30,7 @@ sys.path.insert(0, str(ROOT / "tests" / "integration"))
 
 import wire  # noqa: E402
 from crowd import Crowd, percentile, read_stamp, stamped  # noqa: E402
+from support.serving import serve  # noqa: E402
 
 BIN = ROOT / "build" / "release" / "bin"
 RATE, HONEST, EDIT_BYTES = 120, 10, 256
@@ -108,14 +109,8 @@ class Server:
         (project / "root.usda").write_text(LAYER)
         self.environment = {**os.environ, "XDG_CONFIG_HOME": str(self.config)}
         self.command("user", "add", "ann", "--at", "127.0.0.1:1", project)
-        ports = folder / "port"
-        self.process = subprocess.Popen([BIN / "usdlive-server", project, "--port", "0", "--port-file", ports],
-                                        env=self.environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        while not ports.exists():
-            if self.process.poll() is not None:
-                raise RuntimeError("the server has ended")
-            time.sleep(0.05)
-        self.port = int(ports.read_text())
+        self.process, self.port = serve(project, program=(BIN / "usdlive-server",), env=self.environment,
+                                        stderr=subprocess.DEVNULL)
         invitation = re.search(r"usdlive-invitation://\S+", self.command("user", "invite", "ann", project)).group()
         self.command("join", invitation)
         known = json.loads((self.config / "usdlive" / "servers.json").read_text())["servers"]

@@ -30,6 +30,7 @@ os.environ.setdefault("USDLIVE_PYTHON", sys.executable)
 import numpy  # noqa: E402
 import websockets  # noqa: E402
 from page_client import Gateway, Page  # noqa: E402
+from support.serving import serve  # noqa: E402
 
 TICK = os.sysconf("SC_CLK_TCK")
 
@@ -137,12 +138,8 @@ def main() -> None:
         own.mkdir()
         os.environ["XDG_STATE_HOME"] = os.environ["XDG_CONFIG_HOME"] = os.environ["USDLIVE_CACHE"] = folder
         (project / "shot.usda").write_text(stage(arguments.prims))
-        port_file = pathlib.Path(folder) / "port"
-        server = subprocess.Popen([os.environ["USDLIVE_BIN"], "serve", project, "--port", "0", "--port-file", port_file, "--log-level", "error"],
-                                  stdout=subprocess.DEVNULL)
-        while not port_file.exists():
-            time.sleep(0.01)
-        url = f"ws://127.0.0.1:{port_file.read_text().strip()}"
+        server, port = serve(project, "--log-level", "error", program=(os.environ["USDLIVE_BIN"], "serve"))
+        url = f"ws://127.0.0.1:{port}"
         begin = time.monotonic()
         gateway = Gateway(url, own).start()
         opened = Page(gateway)

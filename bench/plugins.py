@@ -28,6 +28,8 @@ import sys
 import tempfile
 import time
 
+from support.serving import serve
+
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 TEXTURE_MIB = 16
 
@@ -106,14 +108,7 @@ class Served:
 
     def __init__(self, folder: pathlib.Path, project: pathlib.Path):
         self.cache = folder / "cache"
-        port = folder / "port"
-        self._process = subprocess.Popen(
-            [os.environ["USDLIVE_SERVER_BIN"], str(project), "--port", "0", "--port-file", str(port)],
-            stdout=subprocess.DEVNULL)
-        while not port.is_file() or not port.read_text().strip():
-            assert self._process.poll() is None, "the server has ended"
-            time.sleep(0.01)
-        self.port = int(port.read_text())
+        self._process, self.port = serve(project)
 
     def address(self, path: str) -> str:
         return f"usdlive://localhost:{self.port}/{path}"

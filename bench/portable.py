@@ -14,13 +14,14 @@ Each backend runs in processes of its own, an editor and a follower, with the sa
 
 import argparse
 import json
-import os
 import pathlib
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
+
+from support.serving import serve
 
 LAYER = "scene.usda"
 FRAMES, FEW = 60, 10
@@ -156,18 +157,14 @@ def main() -> None:
         follow(options.backend[0], options.source)
         return
     with tempfile.TemporaryDirectory() as folder:
-        project, port = pathlib.Path(folder, "project"), pathlib.Path(folder, "port")
+        project = pathlib.Path(folder, "project")
         project.mkdir()
         write(project / LAYER, options.prims)
-        command = [os.environ["USDLIVE_SERVER_BIN"], project, "--port", "0", "--port-file", port, "--min-free-mib", "1"]
-        server = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        server, port = serve(project, "--min-free-mib", "1", stderr=subprocess.DEVNULL)
         try:
-            while not port.exists() or not port.read_text():
-                assert server.poll() is None, "the server has ended"
-                time.sleep(0.05)
             fast = None
             for backend in options.backend or ["fast", "portable"]:
-                row = run(backend, f"ws://127.0.0.1:{port.read_text().strip()}", options.edits)
+                row = run(backend, f"ws://127.0.0.1:{port}", options.edits)
                 fast = row if backend == "fast" else fast
                 ratio = {"ratio": round(row["usPerEdit"] / fast["usPerEdit"], 1)} if fast else {}
                 print(json.dumps({"bench": "portable", "backend": backend, "prims": options.prims, "edits": options.edits,
