@@ -25,6 +25,7 @@ except _OtherOpenUsd as _found:
     _other = str(_found)
 
 from . import events  # noqa: E402
+from ._playhead import Playhead  # noqa: E402
 
 if _other is None:
     from . import plugins
@@ -40,13 +41,13 @@ if _other is None:
     plugins.register()
 
     __all__ = ["__version__", "Conflict", "Error", "ErrorCode", "Live", "LiveSession", "LoggedCommit", "Merged",
-               "NamespaceEditor", "Opinion", "Player", "Sessions", "UndoKept", "UndoResult", "UndoStack", "UnsentWork",
+               "NamespaceEditor", "Opinion", "Player", "Playhead", "Sessions", "UndoKept", "UndoResult", "UndoStack", "UnsentWork",
                "connect", "connect_async", "events", "plugins", "sessions"]
 else:
     from ._session import __version__
     from .portable.connecting import connect
 
-    __all__ = ["__version__", "Error", "ErrorCode", "connect", "events"]
+    __all__ = ["__version__", "Error", "ErrorCode", "Playhead", "connect", "events"]
 
     def __getattr__(name: str) -> object:
         raise AttributeError(f"usdlive has no {name!r} in this process, which has only the portable backend: {_other}")

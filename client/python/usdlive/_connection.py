@@ -14,10 +14,21 @@ from pxr import Sdf
 
 from . import events
 from ._errors import Error
+from ._playhead import Playhead
 from ._undo import UndoKept, UndoResult, UndoStack
 from ._unsent import UnsentWork
 
 opened: "weakref.WeakSet[Connection]" = weakref.WeakSet()
+
+
+class _Shown(typing.NamedTuple):
+    """The own presence, as `show_presence()` of the extensions takes it."""
+
+    selection: list[str] = []
+    camera: list[float] = []
+    time: float | None = None
+    edit_target: str = ""
+    data: str = ""
 
 
 class Connection(abc.ABC):
@@ -27,6 +38,8 @@ class Connection(abc.ABC):
         self._client, self._url = client, url
         self._process = os.getpid()
         self._handlers: list[typing.Callable[[events.Event], None]] = []
+        self._presence: _Shown | None = None
+        self._playhead: Playhead | None = None
         opened.add(self)
 
     @abc.abstractmethod
@@ -104,11 +117,34 @@ class Connection(abc.ABC):
         numbers: list[float] = []
         for row in camera if camera is not None else ():
             numbers.extend(map(float, row) if hasattr(row, "__len__") else (float(row),))
-        self._client.show_presence([str(path) for path in selection], numbers, time, edit_target, data)
+        before, self._presence = self._presence, _Shown([str(path) for path in selection], numbers, time, edit_target, data)
+        try:
+            self._show()
+        except BaseException:
+            self._presence = before
+            raise
 
     def hide_presence(self) -> None:
-        """Removes one's presence. Others see it within 3 seconds."""
+        """Removes one's presence, and releases the playhead. Others see it within 3 seconds."""
+        self._presence = None
+        if self._playhead is not None:
+            self._playhead.release()
         self._client.hide_presence()
+
+    def _show(self) -> None:
+        """Sends the own presence, with the playhead if this connection leads it."""
+        shown = self._presence or _Shown()
+        led = self._playhead.shown if self._playhead is not None else None
+        if led is not None:
+            shown = shown._replace(time=led.time, data=led.within(shown.data))
+        self._client.show_presence(*shown)
+
+    @property
+    def playhead(self) -> Playhead:
+        """The time that a group looks at together: one leads, the others follow, anybody takes over."""
+        if self._playhead is None:
+            self._playhead = Playhead(self)
+        return self._playhead
 
     def presences(self) -> list[events.Presence]:
         """Returns the presences of others."""
