@@ -216,6 +216,21 @@ def test_the_rules_of_the_project_apply(two):
     assert 'double radius = 3' in cat(server, "root.usda") and "Planet" in texts[4]
 
 
+def test_a_revert_leaves_locks_as_they_are(two):
+    """Only who holds a lock may end it: if the revert tried, all of it would be refused."""
+    server, ada, bo = two
+    texts = [cat(server, "root.usda")]
+    run("lock", "--user", "ada", server.url, "over.usda")
+    frame(server, ada, bo, "ball.GetAttribute('radius').Set(5.0)\n"
+                           "stage.GetRootLayer().customLayerData = {'omni_layer': {'specs_locking': {'/World/Cube': 'ada'}}}")
+    assert run("revert", "--user", "bo", "--by", "ada", server.url).startswith("reverted root.usda: 1 edit")
+    text = synced(server, ada, bo)[0]
+    assert "double radius = 1" in text and "specs_locking" in text and text != texts[0]
+    assert "locked by ada" in run("ls", "-l", server.url)
+    run("lock", "--user", "bo", server.url, "root.usda")
+    assert "locks cannot be reverted" in refused("revert", server.url, str(asked(server, "log")[-1]["revision"]))
+
+
 def test_a_history_that_begins_later_says_so(two):
     server, ada, bo = two
     history(two)

@@ -15,6 +15,7 @@
 #include "cli/Text.h"
 #include "lines/LineEdits.h"
 #include "session/Reversal.h"
+#include "usdlive/common/access/ProjectAction.h"
 
 namespace usdlive::cli {
 
@@ -52,7 +53,9 @@ public:
             std::set<std::size_t> edits;
             const auto found = search.look(commit);
             if (found && commit.revision <= last && !commit.imported)
-                edits.insert(found->edits.begin(), found->edits.end());
+                std::ranges::copy_if(
+                    found->edits, std::inserter(edits, edits.end()),
+                    [&](std::size_t index) { return !locks(commit.edits[index]); });
             if (!edits.empty()) {
                 ++count_;
                 first_ = commit.revision;
@@ -99,6 +102,11 @@ public:
     }
 
 private:
+    /// Locks stay: only who holds one may end it, and all of the revert would be refused.
+    static bool locks(const Edit& edit) {
+        return projectActionOf(edit.address.path, edit.action) == ProjectAction::Lock;
+    }
+
     struct One {
         Commit commit;
         std::set<std::size_t> edits;  // that were chosen
@@ -168,7 +176,8 @@ Result<void> revert(const RevertOptions& options) {
     if (chosen.count() == 0)
         return fail(ErrorCode::InvalidArgument,
                     "no commit was chosen that can be reverted; `usdlive log` with the same "
-                    "options shows what they choose. The import of a file cannot be reverted");
+                    "options shows what they choose. The import of a file and locks cannot be "
+                    "reverted");
     const auto before = contentsAt(link, chosen.layers(), chosen.first() - 1);
     if (!before) return tl::unexpected(before.error());
     if (auto joined = joinLayers(link, chosen.layers()); !joined) return joined;
