@@ -7,11 +7,15 @@ import { textOn } from "../view/colors";
 import { usePage } from "./context";
 import { Icon } from "./icons";
 
+/** The initials are drawn by the style: as a text, they would be another label of a button. */
 export function Avatar({ name, color }: { name: string; color: string }): JSX.Element {
   return (
-    <span class="avatar" style={{ backgroundColor: color, color: textOn(color) }} aria-hidden="true">
-      {initials(name)}
-    </span>
+    <span
+      class="avatar"
+      data-initials={initials(name)}
+      style={{ backgroundColor: color, color: textOn(color) }}
+      aria-hidden="true"
+    />
   );
 }
 
