@@ -278,7 +278,8 @@ def test_a_token_says_who_somebody_is_and_the_server_what_they_may(guarded, page
     assert eddy.messages["welcome"]["you"]["user"] == "eddy" and eddy.messages["welcome"]["you"]["mayEdit"]
     for request, fields in (("transform", moving(1)), ("set", {"path": "/World/Box", "name": "size", "value": 1}), ("undo", {}),
                             ("activate", {"path": "/World", "active": False}), ("lock", {"layer": "root.usda", "locked": True}),
-                            ("mute", {"layer": "root.usda", "muted": True}), ("checkpoint", {"name": "x"}), ("metrics", {})):
+                            ("mute", {"layer": "root.usda", "muted": True}), ("checkpoint", {"name": "x"}), ("metrics", {}),
+                            *((f"{verb}Session", {"name": "x"}) for verb in ("create", "end", "restore", "delete", "merge", "update"))):
         with pytest.raises(RuntimeError, match="forbidden|may not"):
             vera.ask(request, **fields)
     with pytest.raises(RuntimeError):
@@ -290,6 +291,11 @@ def test_a_token_says_who_somebody_is_and_the_server_what_they_may(guarded, page
     adam = page(shared, {"token": tokens["adam"]})
     assert adam.messages["welcome"]["you"]["mayAdminister"]
     assert any(one["name"].startswith("usdlive_sessions") for one in adam.ask("metrics")["items"])
+    # Live sessions are changed with the token of the viewer, too.
+    eddy.ask("createSession", name="dusk")
+    assert [one["creator"] for one in vera.ask("sessions")["items"]] == ["eddy"]
+    eddy.ask("endSession", name="dusk")
+    assert adam.ask("deleteSession", name="dusk")["name"] == "dusk"
     assert adam.ask("explain", layer="root.usda")["allowed"] and not vera.ask("explain", layer="root.usda")["allowed"]
 
 
@@ -307,6 +313,10 @@ def test_tokens_are_in_no_log_and_in_no_answer(guarded, page):
     eddy, vera = page(shared, {"token": tokens["eddy"]}), page(shared, {"token": tokens["vera"]})
     eddy.ask("transform", **moving(1))
     eddy.ask("select", paths=["/World"])
+    eddy.ask("createSession", name="dusk")
+    eddy.ask("mergeSession", name="dusk")
+    with pytest.raises(RuntimeError):
+        eddy.ask("restoreSession", name="dusk")
     vera.wait(lambda one: moved_to(one, 1))
     assert secret not in json.dumps(vera.all) + json.dumps(eddy.all) + shared.log.read_text()
 

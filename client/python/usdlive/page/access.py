@@ -60,6 +60,8 @@ class Server:
         self.host, self.port = parts.hostname or "127.0.0.1", parts.port or 7447
         self.asks_to_sign_in = False
         self.project = urllib.parse.unquote(parts.path.strip("/"))
+        # The live session that the address names; empty: the main line.
+        self.session = urllib.parse.unquote(parts.query.partition("session=")[2])
 
     def find_out(self) -> None:
         """Finds out whether the server asks viewers to sign in, which it does if it refuses a token that nobody has; and the name

@@ -44,6 +44,8 @@ class Gateway:
         self.workers = concurrent.futures.ThreadPoolExecutor(8, "usdlive page worker")
         # Wrong tokens are answered slowly (AC5), which must not delay other work.
         self._sign_ins = concurrent.futures.ThreadPoolExecutor(4, "usdlive page sign-in")
+        # A merge of a live session reads all commits of two lines.
+        self._for_sessions = concurrent.futures.ThreadPoolExecutor(8, "usdlive page live sessions")
         self._stage = stage
         self._numbers = itertools.count(1)
         self._pictures: dict[typing.Hashable, Picture] = {}
@@ -79,7 +81,7 @@ class Gateway:
             owner.close()
         # The interpreter must not end while a thread is within a connection.
         await asyncio.to_thread(lambda: [owner.join(10) for owner in self._owners])
-        for workers in (self.workers, self._sign_ins):
+        for workers in (self.workers, self._sign_ins, self._for_sessions):
             workers.shutdown(wait=False, cancel_futures=True)
 
     def spawn(self, job: typing.Coroutine) -> None:
@@ -94,6 +96,10 @@ class Gateway:
 
     def in_worker(self, function: typing.Callable, *arguments: typing.Any) -> asyncio.Future:
         return asyncio.get_running_loop().run_in_executor(self.workers, function, *arguments)
+
+    def with_sessions(self, function: typing.Callable, person: Person, *arguments: typing.Any) -> asyncio.Future:
+        """Calls a function of `lines` in the name of a viewer."""
+        return asyncio.get_running_loop().run_in_executor(self._for_sessions, lambda: function(self.server, person, *arguments))
 
     def connect(self) -> usdlive.Live:
         return usdlive.connect(self.url, user=self._user, application=APPLICATION)
@@ -206,7 +212,7 @@ class Gateway:
     async def welcome(self, viewer: Viewer) -> None:
         picture = viewer.picture
         about, state = await asyncio.wrap_future(picture.call(lambda: (picture.welcome(), picture.state())))
-        viewer.tell({"type": "welcome", "project": self.server.project or self.server.host, **about,
+        viewer.tell({"type": "welcome", "project": self.server.project or self.server.host, "session": self.server.session, **about,
                      "you": {"id": viewer.id, "user": viewer.person.name, "role": viewer.person.role, "mayEdit": viewer.person.may_edit,
                              "mayAdminister": viewer.person.may_administer}})
         viewer.tell(state)

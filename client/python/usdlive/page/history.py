@@ -35,8 +35,8 @@ class Reader(Owner):
         return {"commits": [_commit(logged(one)) for one in commits], "more": bool(more)}
 
     def blame(self, layer: str, path: str, below: bool = False) -> list[dict]:
-        return [{"layer": layer, "path": one.path, "field": one.field or "", "valueText": _short(one.value),
-                 "before": _short(one.before) if one.before_known else "", "user": one.user or ("(file)" if one.imported else ""),
+        return [{"layer": layer, "path": one.path, "field": one.field or "", "valueText": short(one.value),
+                 "before": short(one.before) if one.before_known else "", "user": one.user or ("(file)" if one.imported else ""),
                  "at": one.time, "revision": one.revision} for one in self.live.blame(layer, path, below)]
 
     def opinions(self, specs: list[tuple[str, str, str]]) -> list[dict]:
@@ -77,7 +77,7 @@ def query(message: dict) -> dict:
             "layer": place("layer"), "path": place("path"), "label": place("label")}
 
 
-def _short(value: typing.Any) -> str:
+def short(value: typing.Any) -> str:
     text = value if isinstance(value, str) else "" if value is None else json.dumps(value)
     return text if len(text) <= 200 else text[:197] + "..."
 
@@ -96,10 +96,13 @@ def _sentence(one: usdlive.LoggedCommit, paths: list[str]) -> str:
         return f"read the file of {one.imported}"
     if not one.edits:
         return ""
-    first = one.edits[0]
-    what = f"{first.kind} {first.path}" + (f" to {first.new_path}" if first.new_path else "")
+    what = edit_text(one.edits[0])
     more = len(one.edits) - 1
     return (what if len(what) <= 120 else what[:117] + "...") + (f", and {more} more" if more else "")
+
+
+def edit_text(edit: usdlive.events.Edit) -> str:
+    return f"{edit.kind} {edit.path}" + (f" to {edit.new_path}" if edit.new_path else "")
 
 
 async def revert(server: Server, person: Person, revisions: list[int], path: str, layer: str, dry_run: bool) -> dict:

@@ -10,7 +10,7 @@ import typing
 import usdlive
 from pxr import Tf, Usd
 
-from . import editing, history, properties, tree
+from . import editing, history, lines, properties, tree
 from .gateway import Gateway, TooMany
 from .viewer import Viewer
 
@@ -37,9 +37,14 @@ def request(name: str) -> typing.Callable[[_Handler], _Handler]:
 
 def text(message: dict, name: str, default: str | None = None) -> str:
     value = message.get(name, default)
-    if not isinstance(value, str):
+    if not isinstance(value, str) or not _is_unicode(value):
         raise Misused(f"'{name}' must be a text")
     return value
+
+
+def _is_unicode(value: str) -> bool:
+    """Whether it has no half of a surrogate pair, which JSON allows."""
+    return not any("\ud800" <= one <= "\udfff" for one in value)
 
 
 def number(message: dict, name: str, default: int | None = None) -> int:
@@ -70,6 +75,12 @@ def _yes(message: dict, name: str) -> bool:
     value = message.get(name)
     if not isinstance(value, bool):
         raise Misused(f"'{name}' must be true or false")
+    return value
+
+
+def _side(value: object) -> lines.Side:
+    if value not in ("main", "session"):
+        raise Misused(f"{str(value)[:80]!r} is no side of a conflict: take \"main\" or \"session\"")
     return value
 
 
@@ -200,6 +211,54 @@ class Requests:
         return await history.revert(self.gateway.server, viewer.person, wanted, text(message, "path", ""),
                                     text(message, "layer", ""), message.get("dryRun") is not False)
 
+    # -- live sessions
+
+    @request("sessions")
+    async def _sessions(self, viewer: Viewer, message: dict) -> dict:
+        return {"items": await self.gateway.with_sessions(lines.listed, viewer.person)}
+
+    @request("createSession")
+    async def _create_session(self, viewer: Viewer, message: dict) -> dict:
+        self._check_may_edit(viewer)
+        revision = number(message, "revision", 0)
+        if revision < 0:
+            raise Misused("'revision' must be a revision of the main line, or 0: the newest")
+        return await self.gateway.with_sessions(lines.created, viewer.person, text(message, "name"), revision)
+
+    @request("endSession")
+    async def _end_session(self, viewer: Viewer, message: dict) -> dict:
+        return await self._change_session(viewer, message, "end")
+
+    @request("restoreSession")
+    async def _restore_session(self, viewer: Viewer, message: dict) -> dict:
+        return await self._change_session(viewer, message, "restore")
+
+    @request("deleteSession")
+    async def _delete_session(self, viewer: Viewer, message: dict) -> dict:
+        return await self._change_session(viewer, message, "delete")
+
+    async def _change_session(self, viewer: Viewer, message: dict, verb: str) -> dict:
+        self._check_may_edit(viewer)
+        return await self.gateway.with_sessions(lines.changed, viewer.person, verb, text(message, "name"))
+
+    @request("mergeSession")
+    async def _merge_session(self, viewer: Viewer, message: dict) -> dict:
+        return await self._merge_lines(viewer, message, False)
+
+    @request("updateSession")
+    async def _update_session(self, viewer: Viewer, message: dict) -> dict:
+        return await self._merge_lines(viewer, message, True)
+
+    async def _merge_lines(self, viewer: Viewer, message: dict, is_update: bool) -> dict:
+        self._check_may_edit(viewer)
+        takes = message.get("takes", {})
+        if not isinstance(takes, dict):
+            raise Misused("'takes' must have \"main\" or \"session\" for each conflict")
+        wish = lines.Wish(text(message, "name"), is_update, message.get("dryRun") is not False, message.get("keep") is True,
+                          {one: _side(side) for one, side in takes.items()},
+                          None if message.get("others") is None else _side(message["others"]))
+        return await self.gateway.with_sessions(lines.merged, viewer.person, wish)
+
     # -- what the server offers administrators
 
     @request("metrics")
@@ -228,10 +287,15 @@ class Requests:
 
     # -- editing
 
+    @staticmethod
+    def _check_may_edit(viewer: Viewer) -> None:
+        if not viewer.person.may_edit:
+            raise usdlive.Error("forbidden", f"a {viewer.person.role} may not edit")
+
     def _editor(self, viewer: Viewer, must_edit: bool = True) -> editing.Editor:
         """The viewer's own connection, which begins when it is first needed."""
-        if must_edit and not viewer.person.may_edit:
-            raise usdlive.Error("forbidden", f"a {viewer.person.role} may not edit")
+        if must_edit:
+            self._check_may_edit(viewer)
         if viewer.editor is None or not viewer.editor.is_alive():
             viewer.editor = self.gateway.editor(viewer)
         return viewer.editor
