@@ -9,6 +9,7 @@ import pathlib
 import re
 import shutil
 import struct
+import types
 import zlib
 
 import pytest
@@ -763,23 +764,136 @@ def Cube "World" (
 AXE = pathlib.Path(__file__).resolve().parents[2] / "build" / "web" / "node_modules" / "axe-core" / "axe.min.js"
 
 
+def violations(screen: Screen) -> list[str]:
+    """Returns the serious faults for people with a screen reader. The page's policy does not let axe run: open it with bypass_csp."""
+    if not screen.run("typeof axe === 'object'"):
+        screen.run(AXE.read_text())
+    return screen.run("axe.run(document, {resultTypes: ['violations']}).then(found => found.violations"
+                      ".filter(one => ['serious', 'critical'].includes(one.impact))"
+                      ".map(one => `${one.id}: ${one.nodes.map(node => node.html).slice(0, 3)}`))")
+
+
 def test_the_page_can_be_used_with_a_screen_reader_in_both_themes(studio, gateways, screens):
-    # The page's policy would not let the tool run.
     screen = screens(gateways(studio), bypass_csp=True).opened()
-    screen.run(AXE.read_text())
     screen.select("/World/Ball")
     screen.until("document.querySelector('.prim-head')")
     for theme in ("dark", "light"):
         assert screen.run("document.documentElement.dataset.theme") == theme
-        for tab in ("properties", "history", "people"):
+        for tab in ("properties", "history", "sessions", "people"):
             screen.tab.click(f"#tab-{tab}")
-            found = screen.run("axe.run(document, {resultTypes: ['violations']}).then(found => found.violations"
-                               ".filter(one => ['serious', 'critical'].includes(one.impact))"
-                               ".map(one => `${one.id}: ${one.nodes.map(node => node.html).slice(0, 3)}`))")
-            assert found == [], (theme, tab)
+            assert violations(screen) == [], (theme, tab)
         screen.shot(f"people-{theme}")
         if theme == "dark":
             screen.tab.click("[aria-label='Light theme']")
+
+
+def row_of(name: str) -> str:
+    """Finds the row of a live session."""
+    return f"[data-session={json.dumps(name)}]"
+
+
+def test_live_sessions_are_listed_made_and_deleted(studio, gateways, screens):
+    script = "<img src=x onerror=alert(5)>"
+    screen = screens(gateways(studio), bypass_csp=True, permissions=["clipboard-read", "clipboard-write"]).opened()
+    tab = screen.tab
+    tab.click("#tab-sessions")
+    screen.sees("This page shows the main line.")
+    screen.sees("There is no live session yet")
+    for name in ("dusk/dawn", script):
+        tab.fill("[aria-label='Name of a session']", name)
+        tab.keyboard.press("Enter")
+        if name != script:
+            screen.until("document.querySelector('.session-form .refusal')?.innerText.includes('cannot have the name \"dusk/dawn\"')",
+                         "the reason is beside the name")
+            screen.shot("session-name")
+    screen.until(lambda: tab.query_selector(row_of(script)), "the session is in the list")
+    assert tab.inner_text(f"{row_of(script)} .session-name") == script
+    # Changes of others are seen without a reload.
+    run("session", "create", studio.url, "dusk")
+    screen.until(lambda: tab.query_selector(row_of("dusk")), "a session that was made elsewhere is in the list")
+    tab.click("[aria-label='Open dusk']")
+    tab.click("[aria-label='Copy the command that opens dusk']")
+    screen.sees("The command was copied.")
+    assert screen.run("navigator.clipboard.readText()") == f"usdlive page --open '{studio.url}?session=dusk'"
+    run("session", "end", studio.url, "dusk")
+    screen.until(lambda: "ended" in tab.inner_text(f"{row_of('dusk')} .session-head"), "a session that was ended elsewhere says so")
+    tab.click(f"[aria-label={json.dumps('End ' + script)}]")
+    tab.click(f"[aria-label={json.dumps('Delete ' + script)}]")
+    screen.until(lambda: tab.query_selector(f"{row_of(script)} .dry-run"), "a question comes first")
+    assert violations(screen) == []
+    screen.shot("sessions")
+    tab.click(f"{row_of(script)} .dry-run .primary")
+    screen.until(lambda: not tab.query_selector(row_of(script)), "the session was deleted")
+    tab.click("[aria-label='Restore dusk']")
+    screen.until(lambda: tab.query_selector("[aria-label='Merge dusk']"), "the session is open again")
+    assert screen.run("document.querySelectorAll('img').length") == 1, "the page's own picture is the only one"
+
+
+def test_a_live_session_is_merged_after_its_conflicts_are_decided(studio, gateways, screens, editor, tmp_path):
+    screen = screens(gateways(studio), bypass_csp=True).opened()
+    tab = screen.tab
+    run("session", "create", studio.url, "dusk")
+    bo = Peer(f"{studio.url}?session=dusk", f"bo{SCRIPT}", "root.usda", tmp_path / "bo.log")
+    bo.run("for path, value in (('/World/Box.size', 3), ('/World/Ball.radius', 2)): stage.GetAttributeAtPath(path).Set(value)\n"
+           "UsdGeom.XformCommonAPI(stage.GetPrimAtPath('/World/Cone')).SetTranslate((3, 2, 1))")
+    bo.flush()
+    ada = editor(studio, "ada", "root.usda")
+    ada.run("for path, value in (('/World/Box.size', 2.5), ('/World/Ball.radius', 1.5)): stage.GetAttributeAtPath(path).Set(value)")
+    ada.flush()
+    tab.click("#tab-sessions")
+    screen.until(lambda: tab.query_selector("[aria-label='Merge dusk']"))
+    tab.click("[aria-label='Merge dusk']")
+    screen.until(lambda: tab.query_selector("[data-conflict='/World/Box.size']"), "the dry run is shown")
+    box = tab.inner_text("[data-conflict='/World/Box.size']")
+    assert "was nothing" in box and "main line: 2.5 (ada)" in box and f"session: 3.0 (bo{SCRIPT})" in box
+    merge = f"{row_of('dusk')} .dry-run > .primary"
+    assert tab.is_disabled(merge), "nothing is merged before each conflict is decided"
+    tab.check("[data-conflict='/World/Box.size'] label:has-text('session:') input")
+    tab.check("[data-conflict='/World/Ball.radius'] label:has-text('main line:') input")
+    assert violations(screen) == []
+    screen.shot("session-merge")
+    # Somebody goes on meanwhile: what they wrote is decided again, and the other decision stays.
+    ada.run("stage.GetAttributeAtPath('/World/Ball.radius').Set(1.75)")
+    ada.flush()
+    tab.click(merge)
+    screen.until(lambda: tab.query_selector(f"{row_of('dusk')} .refusal"), "the merge is refused where it was asked for")
+    screen.until(lambda: "1.75" in tab.inner_text("[data-conflict='/World/Ball.radius']"), "the page shows what there is now")
+    assert tab.is_disabled(merge) and tab.is_checked("[data-conflict='/World/Box.size'] label:has-text('session:') input")
+    screen.shot("session-merge-again")
+    tab.click("[aria-label='Light theme']")
+    assert violations(screen) == []
+    screen.shot("session-merge-light")
+    tab.check("[data-conflict='/World/Ball.radius'] label:has-text('main line:') input")
+    tab.click(merge)
+    screen.until(lambda: value_of(ada, "/World/Box.size") == 3, "the session's value is in the main line")
+    assert value_of(ada, "/World/Ball.radius") == 1.75
+    screen.until(lambda: "merged in #" in tab.inner_text(f"{row_of('dusk')} .session-head"), "the session was ended by the merge")
+    screen.sees("dusk was merged into the main line")
+    assert screen.run("document.querySelectorAll('img').length") == 1, "the page's own picture is the only one"
+    bo.close()
+
+
+def test_the_page_of_a_live_session_says_so_and_is_updated(studio, gateways, screens, editor):
+    run("session", "create", studio.url, "dusk")
+    screen = screens(gateways(types.SimpleNamespace(url=f"{studio.url}?session=dusk"))).opened()
+    tab = screen.tab
+    before = screen.found("/World/Box")
+    ada = editor(studio, "ada", "root.usda")
+    ada.run("UsdGeom.XformCommonAPI(stage.GetPrimAtPath('/World/Box')).SetTranslate((-3, 4, 1))")
+    ada.flush()
+    tab.click("#tab-sessions")
+    screen.sees("This page shows the live session dusk.")
+    screen.until(lambda: tab.query_selector("[aria-label='Update dusk']"))
+    assert screen.shift("/World/Box", before) < 20
+    tab.click("[aria-label='Update dusk']")
+    tab.click(f"{row_of('dusk')} .dry-run > .primary")
+    screen.until(lambda: screen.shift("/World/Box", before) > 40, "the main line's change is in the session")
+    screen.shot("session-page")
+    tab.click("[aria-label='End dusk']")
+    screen.until("document.querySelector('.line-state')?.dataset.state === 'bad'", "an ended session is not live")
+    screen.shot("session-ended")
+    tab.click("[aria-label='Restore dusk']")
+    screen.until("document.querySelector('.line-state')?.dataset.state === 'good'", "the session is live again", timeout=60)
 
 
 def test_a_phone_shows_the_stage_and_the_overview(studio, gateways, screens):

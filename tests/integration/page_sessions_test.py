@@ -191,7 +191,7 @@ def test_a_page_of_a_session_says_so_and_lists_all(opened, served, gateway, page
     other.wait(lambda page: not page.messages["state"]["connected"])
     assert listed(other)["dusk + dawn"]["ended"]
     other.ask("restoreSession", name="dusk + dawn")
-    other.wait(lambda page: page.messages["state"]["connected"])
+    other.wait(lambda page: page.messages["state"]["connected"], timeout=60)
 
 
 def test_a_server_that_does_not_answer_holds_up_no_other_request(opened, served):

@@ -86,6 +86,10 @@ test("a request gets its answer, its error, or a time-out", async () => {
   await expect(second).rejects.toMatchObject({ code: "Locked", message: "root.usda is locked by ada" });
   vi.advanceTimersByTime(1000);
   await expect(third).rejects.toMatchObject({ code: "Timeout" });
+  const long = requests.ask("mergeSession", {}, 5000);
+  vi.advanceTimersByTime(4999);
+  requests.answer({ type: "reply", id: 4, value: 6 });
+  await expect(long).resolves.toBe(6);
 });
 
 test("requests end when the connection does", async () => {

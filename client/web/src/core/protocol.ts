@@ -93,6 +93,8 @@ export interface Material {
 export interface Welcome {
   type: "welcome";
   project: string;
+  /** The name of the live session that the page shows; empty: the main line. */
+  session: string;
   stage: string;
   stages: string[];
   you: { user: string; role: string; mayEdit: boolean; mayAdminister: boolean };
@@ -244,6 +246,53 @@ export interface PrimProperties {
   metadata: { [key: string]: Json };
   variants: { set: string; selection: string; choices: string[] }[];
   properties: Property[];
+}
+
+/** A line of history that a live session is merged with, or the session itself. */
+export type Side = "main" | "session";
+
+export interface LiveSession {
+  name: string;
+  creator: string;
+  at: number;
+  /** The revision of the main line from which it is. */
+  revision: number;
+  ended: boolean;
+  /** The revision of the main line that has its changes, or 0. */
+  merged: number;
+  /** Why it cannot be opened; empty: it can. */
+  problem: string;
+  /** Starts a gateway that shows it. */
+  command: string;
+}
+
+/** Something that both lines have changed. */
+export interface Conflict {
+  id: string;
+  what: "value" | "deleted" | "moved" | "refused";
+  layer: string;
+  path: string;
+  field: string | null;
+  part: string | null;
+  before: string | null;
+  main: string | null;
+  session: string | null;
+  deletedIn: Side | null;
+  reason: string;
+  mainUser: string;
+  sessionUser: string;
+}
+
+/** The result of a merge or an update, or of its dry run. */
+export interface Merged {
+  revision: number;
+  edits: number;
+  lines: string[];
+  created: string[];
+  dropped: number;
+  conflictCount: number;
+  /** The first ones. */
+  conflicts: Conflict[];
 }
 
 /** Returns the message in a text frame, or undefined if it is none. Messages of unknown types are left to the caller. */

@@ -29,7 +29,11 @@ export class Requests {
     private readonly timeoutMs = REQUEST_TIMEOUT_MS,
   ) {}
 
-  ask(type: string, content: { [key: string]: Json | undefined } = {}): Promise<Json> {
+  ask(
+    type: string,
+    content: { [key: string]: Json | undefined } = {},
+    timeoutMs: number = this.timeoutMs,
+  ): Promise<Json> {
     return new Promise((resolve, reject) => {
       const id = this.next++;
       if (!this.send(JSON.stringify({ ...content, type, id }))) {
@@ -38,8 +42,8 @@ export class Requests {
       }
       const timer = setTimeout(() => {
         this.waiting.delete(id);
-        reject(new RequestError("Timeout", `no answer to "${type}" within ${this.timeoutMs / 1000} s`));
-      }, this.timeoutMs);
+        reject(new RequestError("Timeout", `no answer to "${type}" within ${timeoutMs / 1000} s`));
+      }, timeoutMs);
       this.waiting.set(id, { resolve, reject, timer });
     });
   }

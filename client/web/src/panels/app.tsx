@@ -8,6 +8,7 @@ import { HistoryPanel } from "./history";
 import { Icon } from "./icons";
 import { Avatar, HealthPanel, LayersPanel, LineBanner, LineState, PeoplePanel } from "./overview";
 import { PropertiesPanel } from "./properties";
+import { SessionsPanel } from "./sessions";
 import { TreePanel } from "./tree";
 import { pressed, TimeBar, ViewportPanel } from "./viewport";
 
@@ -69,6 +70,11 @@ function TopBar({ isPhone }: { isPhone: boolean }): JSX.Element {
     <header class="top-bar">
       <img class="logo" src="/icon.svg" alt="" width="22" height="22" />
       <h1 class="project">{welcome?.project || "usdlive"}</h1>
+      {welcome?.session && (
+        <span class="badge here" title={`This page shows the live session ${welcome.session}`}>
+          {welcome.session}
+        </span>
+      )}
       {welcome && welcome.stages.length > 1 ? (
         <select
           aria-label="Stage"
@@ -120,6 +126,7 @@ function RightSide(): JSX.Element {
   const tabs: [Tab, string][] = [
     ["properties", "Properties"],
     ["history", "History"],
+    ["sessions", "Sessions"],
     ["people", "People"],
   ];
   if (page.session.welcome.value?.you.mayAdminister) tabs.push(["admin", "Admin"]);
@@ -159,6 +166,7 @@ function RightSide(): JSX.Element {
       <div class="tab-content" id="panel" role="tabpanel" aria-labelledby={`tab-${shown}`}>
         {shown === "properties" && <PropertiesPanel />}
         {shown === "history" && <HistoryPanel />}
+        {shown === "sessions" && <SessionsPanel />}
         {shown === "people" && (
           <>
             <PeoplePanel />

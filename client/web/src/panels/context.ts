@@ -8,7 +8,7 @@ import type { GizmoMode } from "../view/gizmo";
 import type { Viewport } from "../view/viewport";
 
 export type Theme = "light" | "dark";
-export type Tab = "properties" | "history" | "people" | "admin";
+export type Tab = "properties" | "history" | "sessions" | "people" | "admin";
 export type PhoneView = "viewport" | "overview";
 
 export class Page {

@@ -304,6 +304,8 @@ export function HealthPanel(): JSX.Element {
       <dl class="facts">
         <dt>Name</dt>
         <dd>{welcome?.project ?? "…"}</dd>
+        <dt>Session</dt>
+        <dd>{welcome?.session || "main line"}</dd>
         <dt>Stage</dt>
         <dd>{welcome?.stage ?? "…"}</dd>
         <dt>Revision</dt>

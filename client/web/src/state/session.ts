@@ -108,8 +108,8 @@ export class Session {
     this.reconnect();
   }
 
-  ask(type: string, content: { [key: string]: Json | undefined } = {}): Promise<Json> {
-    return this.requests.ask(type, content);
+  ask(type: string, content: { [key: string]: Json | undefined } = {}, timeoutMs?: number): Promise<Json> {
+    return this.requests.ask(type, content, timeoutMs);
   }
 
   /** Sends an edit. A refusal is kept for the place `path`, and returned as a text. */
