@@ -236,6 +236,25 @@ def test_a_project_without_a_role_does_not_exist(tmp_path, monkeypatch):
     assert server.stop() == 0
 
 
+def test_an_admin_lists_the_users_of_a_project_and_nobody_else_does(studio, project, tmp_path, serve):
+    """AC27"""
+    for name, role in (("eve", "admin"), ("ann", "viewer"), ("out", "editor")):
+        studio.join(name, role)
+    user("role", "out", "none", project)
+    wait(lambda: not studio.joined[-1].connected, studio.joined[-1])
+    known = [{"name": "ann", "role": "viewer"}, {"name": "chief", "role": "admin"}, {"name": "eve", "role": "admin"}]
+    for path in ("/users", f"/{project.name}/users"):
+        status, text = studio.get(path, studio.token("eve"))
+        assert (status, json.loads(text)) == (200, {"project": project.name, "users": known})
+        assert studio.get(path, studio.token("ann")) == (403, "ann is a viewer here; an admin can list the users\n")
+        assert studio.get(path)[0] == 401 and studio.get(path, studio.token("out"))[0] == 404
+    assert studio.get("/other/users", studio.token("eve"))[0] == 404
+    (tmp_path / "free").mkdir()
+    studio.server = serve(tmp_path / "free")
+    status, text = studio.get("/users")
+    assert status == 404 and "asks nobody to sign in" in text
+
+
 def test_rules_follow_their_file(studio, project):
     """AC6, AC7: an animator may write time samples of the hero, and nothing else."""
     ann = studio.join("ann", "editor")

@@ -28,6 +28,8 @@ HttpReply signInFirst(const std::string& why) {
     return {"text/plain", why + "\n", kUnauthorized, {{"WWW-Authenticate", "Bearer"}}};
 }
 
+HttpReply jsonPage(const nlohmann::json& json) { return {"application/json", json.dump() + "\n"}; }
+
 }  // namespace
 
 AccessControl::AccessControl(asio::io_context& io, const std::filesystem::path& folder,
@@ -136,21 +138,28 @@ std::optional<HttpAgain> AccessControl::newerKeys(const Stranger& stranger) {
     return HttpAgain{[this](std::function<void()> ready) { keys_->look(std::move(ready)); }};
 }
 
+HttpReply AccessControl::usersPage(const std::string& project) const {
+    const auto accounts = signIn_.accounts();
+    nlohmann::json users = nlohmann::json::array();
+    for (const auto& [user, account] : accounts->users()) {
+        const Role role = accounts->roleOf(user, project).value_or(Role::None);
+        if (role == Role::None) continue;
+        users.push_back({{"name", user.value}, {"role", nameOf(role)}});
+    }
+    return jsonPage({{"project", project}, {"users", users}});
+}
+
 HttpReply AccessControl::signInPage(const std::optional<SignedIn>& user) const {
-    constexpr const char* kJsonType = "application/json";
-    const auto page = [&](const nlohmann::json& json) {
-        return HttpReply{kJsonType, json.dump() + "\n"};
-    };
-    if (user) return page({{"user", user->user.value}});
+    if (user) return jsonPage({{"user", user->user.value}});
     const auto& issuer = signIn_.issuer();
     if (!issuer)
         return {"text/plain",
                 isRequired() ? "this server has no issuer: sign in with an invitation\n"
                              : "this server asks nobody to sign in: connect without it\n",
                 kNotThere};
-    return page({{"issuer", issuer->rules.issuer},
-                 {"clientId", issuer->clientId},
-                 {"scopes", issuer->scopes}});
+    return jsonPage({{"issuer", issuer->rules.issuer},
+                     {"clientId", issuer->clientId},
+                     {"scopes", issuer->scopes}});
 }
 
 HttpPage AccessControl::refusal(const HttpTarget& target, const Stranger& stranger) {

@@ -23,9 +23,10 @@ using Json = nlohmann::json;
 using std::chrono::milliseconds;
 using State = ServedProject::State;
 
-constexpr std::string_view kSessions = "/live", kFiles = "/files", kLiveSessions = "/sessions";
+constexpr std::string_view kSessions = "/live", kFiles = "/files", kLiveSessions = "/sessions",
+                           kUsers = "/users";
 constexpr const char* kJson = "application/json";
-constexpr unsigned kBadRequest = 400, kNotFound = 404, kUnavailable = 503;
+constexpr unsigned kBadRequest = 400, kForbiddenPage = 403, kNotFound = 404, kUnavailable = 503;
 // Projects that have not answered after this time are reported as busy.
 constexpr milliseconds kReportTime{1'000};
 constexpr std::size_t kMostNamed = 20;
@@ -204,16 +205,19 @@ HttpRoute HttpRoutes::route(const HttpTarget& target) {
         return page(isStranger ? &HttpRoutes::briefHealth : &HttpRoutes::health);
     if (path == "/metrics") return page(&HttpRoutes::metrics);
     if (path == "/projects") return page(&HttpRoutes::list);
-    if (path == kSessions) {
-        if (visible.size() == 1) return sessionsOf(*visible.front(), user, target);
-        return notHere("the address names no project", visible);
-    }
-    if (path.ends_with(kSessions)) {
-        const std::string_view name = path.substr(1, path.size() - kSessions.size() - 1);
-        if (ServedProject* project = named(name, visible))
-            return sessionsOf(*project, user, target);
-        return noSuchProject(percentDecoded(name).value_or(""), visible);
-    }
+    // `part` of the only project, or of the one that the path names.
+    const auto ofProject = [&](std::string_view part, const auto& answer) -> HttpRoute {
+        const std::string_view name = path.substr(0, path.size() - part.size());
+        ServedProject* const project = !name.empty()         ? named(name.substr(1), visible)
+                                       : visible.size() == 1 ? visible.front()
+                                                             : nullptr;
+        if (project) return answer(*project);
+        if (name.empty()) return notHere("the address names no project", visible);
+        return noSuchProject(percentDecoded(name.substr(1)).value_or(""), visible);
+    };
+    if (path.ends_with(kSessions))
+        return ofProject(kSessions,
+                         [&](ServedProject& project) { return sessionsOf(project, user, target); });
     if (const auto files = splitFilesPath(path))
         if (ServedProject* project = named(files->project, visible))
             return filesOf(*project, {.path = files->rest, .query = target.query});
@@ -226,7 +230,24 @@ HttpRoute HttpRoutes::route(const HttpTarget& target) {
         }
     }
     if (auto found = liveSessions(target, user, visible)) return std::move(*found);
+    if (path.ends_with(kUsers))
+        return ofProject(kUsers,
+                         [&](const ServedProject& project) { return usersOf(project, user); });
     return HttpReply{"text/plain", "there is nothing here\n", kNotFound};
+}
+
+HttpRoute HttpRoutes::usersOf(const ServedProject& project, const User& user) const {
+    if (!user)
+        return HttpReply{"text/plain",
+                         "this server asks nobody to sign in: it has no users. `usdlive user add` "
+                         "adds the first one\n",
+                         kNotFound};
+    const SignedIn here = access_.in(project.place().project, *user);
+    if (here.role == Role::Admin) return access_.usersPage(project.place().project);
+    return HttpReply{"text/plain",
+                     here.user.value + " is a " + std::string(nameOf(here.role)) +
+                         " here; an admin can list the users\n",
+                     kForbiddenPage};
 }
 
 HttpRoute HttpRoutes::filesOf(ServedProject& project, const HttpTarget& target) {

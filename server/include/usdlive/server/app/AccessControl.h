@@ -50,6 +50,8 @@ public:
     [[nodiscard]] std::optional<HttpAgain> newerKeys(const Stranger& stranger);
     /// Says how to sign in, or as whom somebody has signed in (AC25).
     [[nodiscard]] HttpReply signInPage(const std::optional<SignedIn>& user) const;
+    /// Lists the users with a role in a project (AC27).
+    [[nodiscard]] HttpReply usersPage(const std::string& project) const;
     /// Records that a user opens a session.
     void entered(const HttpTarget& target, const SignedIn& user, const std::string& project);
     /// Returns the user with the role in a project.

@@ -18,9 +18,9 @@ namespace usdlive::server {
 
 /// Finds what a request asks for: `/live` and `/NAME/live` open sessions; `/files...` and
 /// `/NAME/files...` are files of a project; `/`, `/healthz`, `/metrics` and `/projects` are pages;
-/// `/NAME/sessions...` are its live sessions (LV3); `/join` takes an invitation, and `/sign-in`
-/// says how to sign in. A user is shown the projects in which they have a role. Belongs to the
-/// thread that runs `io`.
+/// `/NAME/sessions...` are its live sessions (LV3), and `/NAME/users` its users (AC27); `/join`
+/// takes an invitation, and `/sign-in` says how to sign in. A user is shown the projects in which
+/// they have a role. Belongs to the thread that runs `io`.
 class HttpRoutes {
 public:
     /// The other objects must outlive this one. `pageHint`: a line that says where the page is.
@@ -56,6 +56,7 @@ private:
                                                         const Visible& visible);
     [[nodiscard]] HttpRoute sessionsOf(ServedProject& project, const User& user,
                                        const HttpTarget& target) const;
+    [[nodiscard]] HttpRoute usersOf(const ServedProject& project, const User& user) const;
     /// Returns the sessions of a client that shows its token later (AC13), if there are any.
     [[nodiscard]] std::optional<HttpSessions> sessionsBeforeSignIn(const HttpTarget& target);
     struct Arrival {
