@@ -716,6 +716,7 @@ def test_a_person_signs_in_and_sees_and_does_what_the_server_allows(studio, proj
     admin.tab.click("#tab-admin")
     admin.sees("usdlive_sessions")
     admin.sees("may edit")
+    admin.until("/vera\\s+viewer/.test(document.querySelector('[aria-label=Users]')?.innerText)", "the users have their roles")
     admin.shot("admin")
 
 

@@ -124,9 +124,11 @@ def test_requests_that_make_no_sense_are_answered(root, serve, gateway, page):
                             ("set", {"path": "/World/Box", "name": "size"}), ("transform", {"path": "/World/Box", "matrix": [1] * 11}),
                             ("past", {"revision": "x"}), ("past", {"revision": 99999}), ("stage", {"layer": "none.usda"}),
                             ("revert", {"revisions": []}), ("log", {"limit": "x"}), ("log", {"since": "nonsense"}),
-                            ("time", {"time": "now"}), ("bounds", {"paths": ["/none"]}), ("users", {})):
+                            ("time", {"time": "now"}), ("bounds", {"paths": ["/none"]}), ("nonsense", {})):
         with pytest.raises(RuntimeError):
             one.ask(request, **fields)
+    with pytest.raises(RuntimeError, match="Unsupported.*it has no users"):
+        one.ask("users")
     one.socket.send('{"type": "children", "id": 1e400}')
     one.socket.send("{}")
     one.socket.send('{"id": [1]}')
@@ -278,7 +280,7 @@ def test_a_token_says_who_somebody_is_and_the_server_what_they_may(guarded, page
     assert eddy.messages["welcome"]["you"]["user"] == "eddy" and eddy.messages["welcome"]["you"]["mayEdit"]
     for request, fields in (("transform", moving(1)), ("set", {"path": "/World/Box", "name": "size", "value": 1}), ("undo", {}),
                             ("activate", {"path": "/World", "active": False}), ("lock", {"layer": "root.usda", "locked": True}),
-                            ("mute", {"layer": "root.usda", "muted": True}), ("checkpoint", {"name": "x"}), ("metrics", {}),
+                            ("mute", {"layer": "root.usda", "muted": True}), ("checkpoint", {"name": "x"}), ("metrics", {}), ("users", {}),
                             *((f"{verb}Session", {"name": "x"}) for verb in ("create", "end", "restore", "delete", "merge", "update"))):
         with pytest.raises(RuntimeError, match="forbidden|may not"):
             vera.ask(request, **fields)
@@ -291,6 +293,8 @@ def test_a_token_says_who_somebody_is_and_the_server_what_they_may(guarded, page
     adam = page(shared, {"token": tokens["adam"]})
     assert adam.messages["welcome"]["you"]["mayAdminister"]
     assert any(one["name"].startswith("usdlive_sessions") for one in adam.ask("metrics")["items"])
+    assert adam.ask("users")["items"] == [{"name": "adam", "role": "admin"}, {"name": "eddy", "role": "editor"},
+                                          {"name": "vera", "role": "viewer"}]
     # Live sessions are changed with the token of the viewer, too.
     eddy.ask("createSession", name="dusk")
     assert [one["creator"] for one in vera.ask("sessions")["items"]] == ["eddy"]

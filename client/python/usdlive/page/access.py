@@ -129,6 +129,11 @@ class Server:
     def projects(self, person: Person) -> list[dict]:
         return json.loads(self._text("/projects", person))["projects"]
 
+    def users(self, person: Person) -> list[dict]:
+        """The users of the project with their roles (AC27)."""
+        place = f"/{urllib.parse.quote(self.project, safe='')}" if self.project else ""
+        return json.loads(self._text(f"{place}/users", person))["users"]
+
     def _text(self, path: str, person: Person) -> str:
         try:
             status, body = self.get(path, person.token)

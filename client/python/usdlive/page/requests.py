@@ -267,6 +267,12 @@ class Requests:
             raise usdlive.Error("forbidden", "the metrics are for administrators")
         return {"items": await self.gateway.in_worker(self.gateway.server.metrics, viewer.person)}
 
+    @request("users")
+    async def _users(self, viewer: Viewer, message: dict) -> dict:
+        if not self.gateway.server.asks_to_sign_in:
+            raise usdlive.Error("Unsupported", "the server asks nobody to sign in: it has no users")
+        return {"items": await self.gateway.in_worker(self.gateway.server.users, viewer.person)}
+
     @request("projects")
     async def _projects(self, viewer: Viewer, message: dict) -> dict:
         return {"items": await self.gateway.in_worker(self.gateway.server.projects, viewer.person)}
