@@ -702,6 +702,10 @@ def test_a_person_signs_in_and_sees_and_does_what_the_server_allows(studio, proj
     screen.sees("vera")
     assert screen.run("document.querySelector('[aria-label=Move]').disabled"), "a viewer moves nothing"
     assert not screen.run("document.querySelector('#tab-admin')")
+    run("session", "create", studio.url, "dusk")
+    screen.tab.click("#tab-sessions")
+    screen.until(lambda: screen.tab.query_selector("[aria-label='Open dusk']"), "a viewer sees the live sessions")
+    assert not screen.run("document.querySelector('.session-form, [aria-label=\"Merge dusk\"], [aria-label=\"End dusk\"]')")
     screen.select("/World/Box")
     screen.tab.click("#tab-properties")
     screen.until("document.querySelector('[data-property=size] .value-text')?.innerText === '1.8'", "the value is a text")
