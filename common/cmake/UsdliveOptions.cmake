@@ -5,6 +5,7 @@ option(USDLIVE_DDS "Speak DDS, too, which needs Cyclone DDS" ON)
 option(USDLIVE_PYTHON "Build the Python extension" ON)
 option(USDLIVE_TESTS "Build tests and benchmarks" ${PROJECT_IS_TOP_LEVEL})
 set(USDLIVE_SANITIZE "" CACHE STRING "Sanitizers: empty, or such as address;undefined or thread")
+option(USDLIVE_FUZZ "Build the fuzz targets, which need Clang" OFF)
 
 set(CMAKE_CXX_STANDARD 20)
 set(CMAKE_CXX_STANDARD_REQUIRED ON)
