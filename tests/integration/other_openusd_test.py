@@ -48,6 +48,12 @@ def test_without_openusd():
     assert f"{BASE} has no module pxr. Install it: {BASE} -m pip install usd-core==26.8" in message
 
 
+def test_blender_has_its_own():
+    message = refused_import([], "import sys, types; sys.modules['bpy'] = types.ModuleType('bpy'); import usdlive", python=BASE)
+    assert message.endswith("has no module pxr. Blender has its own: call bpy.utils.expose_bundled_modules() before the import "
+                            "of usdlive.")
+
+
 def test_another_version_comes_first(tmp_path):
     message = refused_import([pretend_pxr(tmp_path, "25.5")])
     assert f"found OpenUSD 25.5 in {tmp_path}/pxr. " in message

@@ -94,6 +94,8 @@ def _loaded_libraries() -> list[str] | None:
 
 def _advice(before: bool) -> str:
     install = f"{sys.executable} -m pip install usd-core=={USD_CORE}"
+    if "pxr" not in sys.modules and "bpy" in sys.modules:
+        return "Blender has its own: call bpy.utils.expose_bundled_modules() before the import of usdlive."
     if "pxr" not in sys.modules:
         return f"Install it: {install}"
     folder = library_folder()
