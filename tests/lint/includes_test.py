@@ -42,7 +42,7 @@ ALLOWED = {
     "client/values": [*COMMON_PLAIN, "client/session", "client/basics"],
     "client/link": [*COMMON_PLAIN, "common/fetch", "common/net", *CLIENT_PLAIN[:3]],
     "client/work": [*COMMON_PLAIN, *CLIENT_PLAIN[:5]],
-    "client/history": [*COMMON_PLAIN, "common/access", "common/history", "client/session"],
+    "client/history": [*COMMON_PLAIN, "common/access", "common/history", "client/session", "client/basics"],
     "client/lines": [*COMMON_PLAIN, *CLIENT_PLAIN[:5], "client/history"],
     # Layers and stages of any editor, without a connection.
     "client/usd/content": ["common/", "client/session", "client/usd"],

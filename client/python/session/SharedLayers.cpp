@@ -91,7 +91,7 @@ Result<void> SharedLayers::greet() {
     const Stopwatch watch;
     while (!session_->isConnected()) {
         if (link_->refused()) return tl::unexpected(*link_->refused());
-        if (watch.ms() > settings_.timeoutMs) return tl::unexpected(link_->notThere());
+        if (watch.ms() > settings_.timeoutMs) return tl::unexpected(link_->notThere(*session_));
         if (link_->lastLoss() && !link_->isOpen() && watch.ms() > kUnreachableMs)
             return tl::unexpected(*link_->lastLoss());
         link_->connection().wait(std::chrono::milliseconds(20));

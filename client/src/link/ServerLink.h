@@ -33,7 +33,9 @@ public:
     [[nodiscard]] const std::optional<Error>& lastLoss() const { return lastLoss_; }
     /// Returns the reason if the server refuses this client permanently.
     [[nodiscard]] const std::optional<Error>& refused() const { return refused_; }
-    [[nodiscard]] Error notThere() const {
+    /// Returns why the session has no connection.
+    [[nodiscard]] Error notThere(const Session& session) const {
+        if (session.otherHistory()) return session.otherHistory()->reason;
         return lastLoss_.value_or(Error{ErrorCode::NotConnected, "the server did not answer"});
     }
 

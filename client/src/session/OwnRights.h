@@ -19,6 +19,7 @@ public:
     void welcomed(const Welcome& message);
     void received(const AccessChanged& message);
 
+    [[nodiscard]] const UserName& user() const { return user_; }
     [[nodiscard]] Role role() const { return role_; }
     [[nodiscard]] const AccessRules& rules() const { return rules_; }
     [[nodiscard]] AccessRules::Decision decide(const LayerId& layer, std::string_view path,

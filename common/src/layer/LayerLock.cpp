@@ -48,6 +48,15 @@ std::vector<EditAction> lockEdits(const LayerDoc& doc, const LayerLock& lock) {
     return lockEdits(lock);
 }
 
+Result<void> checkLockable(const LayerId& layer, const LayerDoc& doc) {
+    const Dictionary* group = omniLayer::groupOf(doc);
+    if (!group || !omniLayer::dictionaryAt(*group, kLocked)) return {};
+    return fail(ErrorCode::InvalidArgument,
+                layer.value +
+                    " is the root layer of a stage, in which Kit keeps what is locked: it cannot "
+                    "be locked itself");
+}
+
 bool isLockEdit(const EditAction& action) {
     const FieldPart* part = omniLayer::editedPart(action);
     const auto* key = part ? std::get_if<DictionaryKey>(part) : nullptr;

@@ -41,7 +41,7 @@ Result<void> Client::Impl::greet() {
     const Stopwatch watch;
     while (!session_.isConnected()) {
         if (line_.refused()) return tl::unexpected(*line_.refused());
-        if (watch.ms() > options_.connectTimeoutMs) return tl::unexpected(notThere());
+        if (watch.ms() > options_.connectTimeoutMs) return tl::unexpected(line_.notThere(session_));
         if (line_.lastLoss() && !line_.isOpen() && watch.ms() > kRefusedMs)
             return tl::unexpected(*line_.lastLoss());
         line_.connection().wait(milliseconds(20));
@@ -73,7 +73,7 @@ Result<void> Client::Impl::waitForOpen(std::uint64_t request) {
         const bool isLost = unconnected.ms() > options_.connectTimeoutMs;
         if (!isLost && silent.ms() <= kSilenceMs) continue;
         opens_.drop(request);
-        if (isLost) return tl::unexpected(notThere());
+        if (isLost) return tl::unexpected(line_.notThere(session_));
         return fail(ErrorCode::NotConnected, "the server no longer answers");
     }
 }
@@ -202,10 +202,6 @@ std::optional<Result<client::Event>> Client::Impl::answerTo(std::uint64_t reques
     return answers_.take(request);
 }
 
-Error Client::Impl::notThere() const {
-    return session_.otherHistory() ? session_.otherHistory()->reason : line_.notThere();
-}
-
 Error Client::Impl::notConfirmed(double timeoutMs) const {
     return {ErrorCode::NotConnected,
             std::to_string(session_.pendingTransactions()) +
@@ -218,62 +214,15 @@ Error Client::Impl::notConfirmed(double timeoutMs) const {
 
 // --- the past
 
-// Calls tick() until the answer is there. `answer` belongs to the session, too, which may set it
-// after this has given up.
-template <class Answer>
-Result<void> Client::Impl::waitForAnswer(const std::optional<Answer>& answer) {
-    Stopwatch silent;
-    while (!answer) {
-        tick(kBlockingBudgetMs);
-        if (answer) break;
-        if (line_.connection().wait(milliseconds(5))) silent = Stopwatch();
-        if (silent.ms() > kSilenceMs)
-            return fail(ErrorCode::NotConnected, "the server no longer answers");
-    }
-    return {};
-}
-
-Result<std::vector<Commit>> Client::Impl::readLog(Revision from, Revision to) {
-    struct Reading {
-        std::vector<Commit> commits;
-        std::optional<Result<void>> end;
-    };
-    const auto reading = std::make_shared<Reading>();
-    session_.requestLog(
-        from, to, [reading](const Commit& commit) { reading->commits.push_back(commit); },
-        [reading](Result<void> end) { reading->end = std::move(end); });
-    if (auto waited = waitForAnswer(reading->end); !waited) return tl::unexpected(waited.error());
-    if (!*reading->end) return tl::unexpected(reading->end->error());
-    return std::move(reading->commits);
-}
-
-Result<client::HistoryReader::Content> Client::Impl::readLayer(const LayerId& id,
-                                                               Revision revision) {
-    const LayerDoc* const confirmed = session_.confirmed(id);
-    if (revision == 0 && confirmed) return Content{*confirmed, session_.revision()};
-    const auto answer = std::make_shared<std::optional<Result<Content>>>();
-    session_.peek(id, revision > 0 ? revision : session_.revision(),
-                  [answer](Result<LayerDoc> doc, Revision at) {
-                      if (doc)
-                          *answer = Content{*std::move(doc), at};
-                      else
-                          *answer = tl::unexpected(doc.error());
-                  });
-    if (auto waited = waitForAnswer(*answer); !waited) return tl::unexpected(waited.error());
-    return std::move(**answer);
-}
-
-Result<void> Client::Impl::checkLayer(const LayerId& id) const {
-    if (auto valid = parseLayerId(id.value); !valid) return tl::unexpected(valid.error());
-    if (!session_.isConnected()) return tl::unexpected(notThere());
-    if (!layers_.isOfProject(id))
-        return fail(ErrorCode::LayerNotFound, "the project has no layer " + id.value);
-    return {};
+bool Client::Impl::step() {
+    const bool heard = line_.connection().wait(milliseconds(5));
+    tick(kBlockingBudgetMs);
+    return heard;
 }
 
 // The commit after a revision can be read if the content at the revision can.
 Result<void> Client::Impl::checkReadable(const LayerId& id, Revision revision) {
-    if (auto known = checkLayer(id); !known) return known;
+    if (auto known = history_.checkLayer(id); !known) return known;
     const Revision newest = session_.revision();
     if (newest == 0)
         return fail(ErrorCode::FutureRevision,
@@ -281,18 +230,18 @@ Result<void> Client::Impl::checkReadable(const LayerId& id, Revision revision) {
     if (revision == 0) return tl::unexpected(noRevisionZero());
     if (revision == newest) return {};
     const Revision asked = revision < newest ? revision + 1 : revision;
-    const auto read = readLog(asked, asked);
+    const auto read = history_.readLog(asked, asked);
     if (read) return {};
     if (read.error().code == ErrorCode::FutureRevision)
         return tl::unexpected(noRevisionYet(revision, session_.revision()));
     if (read.error().code != ErrorCode::HistoryReplaced) return tl::unexpected(read.error());
     // The error of the server says which revision is the oldest.
-    return readLayer(id, revision).map([](const auto&) {});
+    return history_.readLayer(id, revision).map([](const auto&) {});
 }
 
 Result<std::shared_ptr<client::OpenPast>> Client::Impl::openPast(const LayerId& id,
                                                                  Revision revision) {
-    const Revision at = revision > 0 ? revision : newest();
+    const Revision at = revision > 0 ? revision : session_.revision();
     if (auto readable = checkReadable(id, at); !readable) return tl::unexpected(readable.error());
     auto layers =
         client::PastLayers::create({session_, values_.cache(), filler_}, id,
@@ -308,7 +257,8 @@ Result<std::shared_ptr<client::OpenPast>> Client::Impl::openPast(const LayerId& 
 Result<void> Client::Impl::moveTo(const std::shared_ptr<client::OpenPast>& past,
                                   Revision revision) {
     if (revision == 0) return tl::unexpected(noRevisionZero());
-    if (revision > newest()) return tl::unexpected(noRevisionYet(revision, newest()));
+    if (revision > session_.revision())
+        return tl::unexpected(noRevisionYet(revision, session_.revision()));
     past->layers()->aim(revision);
     return advanceUntilThere(past);
 }

@@ -5,18 +5,15 @@
 #include <utility>
 
 #include "basics/SystemUser.h"
-#include "history/HistorySearch.h"
 #include "link/Destination.h"
 #include "session/OwnRights.h"
+#include "session/Permissions.h"
+#include "session/RootEdits.h"
 #include "transport/Connection.h"
 #include "usd/assets/DynamicPayloads.h"
 #include "usd/editor/ClientImpl.h"
 #include "usdlive/common/core/ClientSecret.h"
-#include "usdlive/common/core/FilePath.h"
-#include "usdlive/common/core/LayerPath.h"
 #include "usdlive/common/core/Thread.h"
-#include "usdlive/common/core/Utf8.h"
-#include "usdlive/common/layer/SpecPath.h"
 #include "usdlive/common/protocol/Role.h"
 
 namespace usdlive {
@@ -24,26 +21,6 @@ namespace usdlive {
 namespace fs = std::filesystem;
 using client::ClientInternals;
 using client::LoadSet;
-
-namespace {
-
-template <std::size_t N>
-std::string listOf(const std::array<std::string_view, N>& names) {
-    std::string list;
-    for (const std::string_view name : names)
-        list += (list.empty() ? "" : ", ") + std::string(name);
-    return list;
-}
-
-Client::Permission permissionBy(const client::OwnRights& rights,
-                                const AccessRules::Decision& decision) {
-    if (decision.isAllowed) return {true, {}};
-    return {false, decision.rule ? rights.rules().describe(*decision.rule)
-                                 : "a " + std::string(nameOf(rights.role())) +
-                                       " may not, and no rule allows it"};
-}
-
-}  // namespace
 
 Client::Client() = default;
 Client::~Client() {
@@ -167,17 +144,13 @@ Result<std::string> Client::addressAt(const LayerId& layer, Revision revision) {
 
 Result<client::LogPage> Client::readLog(const client::LogQuery& query) {
     if (auto error = misuse("readLog", true)) return tl::unexpected(*error);
-    if (!query.filter.layer.empty())
-        if (auto known = impl_->checkLayer(query.filter.layer); !known)
-            return tl::unexpected(known.error());
-    return client::searchLog(*impl_, query);
+    return impl_->history().log(query);
 }
 
 Result<client::BlameResult> Client::blame(const LayerId& layer, const std::string& path,
                                           bool below) {
     if (auto error = misuse("blame", true)) return tl::unexpected(*error);
-    if (auto known = impl_->checkLayer(layer); !known) return tl::unexpected(known.error());
-    return client::findBlame(*impl_, layer, path, below);
+    return impl_->history().blame(layer, path, below);
 }
 
 // --- the frame
@@ -238,7 +211,7 @@ Result<void> Client::setGloballyMuted(const LayerId& root, const LayerId& layer,
 }
 
 std::set<LayerId> Client::globallyMuted(const LayerId& root) const {
-    return here("globallyMuted").locks().globallyMuted(root);
+    return client::globallyMuted(here("globallyMuted").session(), root);
 }
 
 const std::map<LayerId, LayerState>& Client::layerStates() const {
@@ -354,59 +327,11 @@ std::string Client::role() const {
 Result<Client::Permission> Client::mayEdit(const LayerId& layer, const std::string& path,
                                            std::string_view kind) const {
     if (auto error = misuse("mayEdit", false)) return tl::unexpected(*error);
-    const client::Session& session = impl_->session();
-    if (!session.welcome())
-        return fail(ErrorCode::NotConnected,
-                    "what the user may do is not known before the project is");
-    if (const auto parsed = specpath::parse(path); !parsed) return tl::unexpected(parsed.error());
-    const auto asked = opinionKindNamed(kind);
-    if (!kind.empty() && !asked)
-        return fail(
-            ErrorCode::InvalidArgument,
-            inQuotes(kind) + " is not a kind of opinion; they are " + listOf(kOpinionKindNames));
-    if (!impl_->layers().ofProject().contains(layer))
-        return fail(ErrorCode::LayerNotFound, "the project has no layer " + layer.value);
-    if (const auto holder = impl_->layers().foreignLock(layer))
-        return Permission{false, layer.value + " is locked by " + holder->value};
-    const client::OwnRights& rights = session.rights();
-    Permission permission;
-    for (std::size_t index = 0; index < kOpinionKindNames.size(); ++index) {
-        const auto one = OpinionKind(index);
-        if (asked && *asked != one) continue;
-        permission = permissionBy(rights, rights.decide(layer, path, one));
-        if (permission.isAllowed) break;
-    }
-    return permission;
+    return client::mayEdit(impl_->session(), layer, path, kind);
 }
 Result<Client::Permission> Client::mayDo(std::string_view action, const LayerId& place) const {
     if (auto error = misuse("mayDo", false)) return tl::unexpected(*error);
-    const client::Session& session = impl_->session();
-    if (!session.welcome())
-        return fail(ErrorCode::NotConnected,
-                    "what the user may do is not known before the project is");
-    const auto asked = projectActionNamed(action);
-    if (!asked)
-        return fail(ErrorCode::InvalidArgument, inQuotes(action) + " is not an action; they are " +
-                                                    listOf(kProjectActionNames));
-    if (place.empty() != concernsProject(*asked))
-        return fail(ErrorCode::InvalidArgument,
-                    place.empty() ? "name the layer or the file of the action " + inQuotes(action)
-                                  : "the action " + inQuotes(action) +
-                                        " concerns the project; name no layer");
-    if (*asked == ProjectAction::Upload) {
-        if (auto valid = checkFilePath(place.value); !valid) return tl::unexpected(valid.error());
-    } else if (!place.empty()) {
-        if (auto valid = parseLayerId(place.value); !valid) return tl::unexpected(valid.error());
-    }
-    const bool isNew = *asked == ProjectAction::Upload || *asked == ProjectAction::CreateLayer;
-    const client::OwnRights& rights = session.rights();
-    const auto permission = permissionBy(rights, rights.decide(*asked, place));
-    if (place.empty() || isNew) return permission;
-    if (!impl_->layers().ofProject().contains(place))
-        return fail(ErrorCode::LayerNotFound, "the project has no layer " + place.value);
-    const auto holder = impl_->layers().foreignLock(place);
-    if (!permission.isAllowed || !holder || *asked == ProjectAction::TakeOver) return permission;
-    return Permission{false, place.value + " is locked by " + holder->value};
+    return client::mayDo(impl_->session(), action, place);
 }
 fs::path Client::cacheFolder() const { return here("cacheFolder").cache().folder(); }
 

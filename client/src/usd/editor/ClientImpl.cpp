@@ -69,10 +69,11 @@ Client::Impl::Impl(std::unique_ptr<client::Connection> connection, Options optio
       line_(std::move(connection)),
       unsent_(options_.stateFolder, sessionOptions(options_, secret_), values_.cache(), events_),
       session_(sessionOptions(options_, secret_), *this, *this),
+      history_(session_, {[this] { return step(); }, [this] { return line_.notThere(session_); }}),
       layers_({session_, places_, files_, events_, lost_, values_, frame_.sink(), filler_,
-               *background_, UserName{options_.user}}),
+               *background_}),
       opens_(layers_, values_, events_),
-      locks_(layers_.live(), frame_, session_, UserName{options_.user}),
+      locks_(layers_.live(), frame_, session_),
       late_(layers_.live(), places_, files_, *background_),
       uploads_(session_, *this) {
     static_cast<void>(session_.showPresence({}));

@@ -13,7 +13,7 @@
 
 #include "basics/CallerThread.h"
 #include "basics/ProcessFolder.h"
-#include "history/HistoryReader.h"
+#include "history/SessionHistory.h"
 #include "link/AwaitedAnswers.h"
 #include "link/EditorEvents.h"
 #include "link/ServerLink.h"
@@ -48,9 +48,7 @@ struct ClientFolders {
 
 /// The parts of a client. Each part owns its state. This class calls them in the right order in
 /// each tick, and connects them with the session.
-class Client::Impl final : public client::SessionHost,
-                           public client::LayerView,
-                           public client::HistoryReader {
+class Client::Impl final : public client::SessionHost, public client::LayerView {
 public:
     Impl(std::unique_ptr<client::Connection> connection, Options options, const Hash& secret,
          ClientFolders folders);
@@ -95,14 +93,6 @@ public:
     Result<std::shared_ptr<client::OpenPast>> openPast(const LayerId& id, Revision revision);
     /// Moves layers of the past, and waits for it.
     Result<void> moveTo(const std::shared_ptr<client::OpenPast>& past, Revision revision);
-    /// Returns an error if there is no connection, or the project has no such layer.
-    [[nodiscard]] Result<void> checkLayer(const LayerId& id) const;
-
-    // HistoryReader
-    [[nodiscard]] Revision newest() const override { return session_.revision(); }
-    [[nodiscard]] Revision base() const override { return session_.welcome()->base.value_or(0); }
-    Result<std::vector<Commit>> readLog(Revision from, Revision to) override;
-    Result<Content> readLayer(const LayerId& id, Revision revision) override;
 
     // Layers.
     [[nodiscard]] pxr::SdfLayerRefPtr layer(const LayerId& id) const;
@@ -128,6 +118,7 @@ public:
     [[nodiscard]] client::OpenRequests& opens() { return opens_; }
     [[nodiscard]] client::FileUploads& uploads() { return uploads_; }
     [[nodiscard]] client::LocksAndMutes& locks() { return locks_; }
+    [[nodiscard]] client::SessionHistory& history() { return history_; }
     /// Gives layers addresses, if the resolver plug-in is there.
     void useAddresses();
     [[nodiscard]] client::PlainFiles& files() { return files_; }
@@ -179,12 +170,11 @@ private:
     void followUploads();
 
     Result<void> waitForOpen(std::uint64_t request);
-    template <class Answer>
-    Result<void> waitForAnswer(const std::optional<Answer>& answer);
+    /// Waits until something is received, and ticks. Returns whether something was received.
+    bool step();
     [[nodiscard]] Result<void> checkReadable(const LayerId& id, Revision revision);
     void closePasts();
     Result<void> advanceUntilThere(const std::shared_ptr<client::OpenPast>& past);
-    [[nodiscard]] Error notThere() const;
     [[nodiscard]] Error notConfirmed(double timeoutMs) const;
 
     const Options options_;
@@ -204,6 +194,7 @@ private:
     client::ServerLink line_;
     client::UnsentWorkReports unsent_;
     client::Session session_;
+    client::SessionHistory history_;
     client::PlainFiles files_;
     client::OpenLayers layers_;
     client::OpenRequests opens_;

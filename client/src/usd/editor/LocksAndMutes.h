@@ -1,8 +1,7 @@
 // Locks of layers, and mutes for all users, as edits of a layer's root.
 #pragma once
 
-#include <set>
-#include <string>
+#include <functional>
 
 #include "usd/live/EditorFrame.h"
 
@@ -12,12 +11,11 @@ namespace usdlive::client {
 /// layers themselves store this, so the class has no state.
 class LocksAndMutes {
 public:
-    LocksAndMutes(LiveSet& layers, EditorFrame& frame, Session& session, UserName user)
-        : layers_(layers), frame_(frame), session_(session), user_(std::move(user)) {}
+    LocksAndMutes(LiveSet& layers, EditorFrame& frame, Session& session)
+        : layers_(layers), frame_(frame), session_(session) {}
 
     Result<void> setLocked(const LayerId& id, bool locked, const std::function<void()>& alongside);
     Result<void> setGloballyMuted(const LayerId& root, const LayerId& layer, bool muted);
-    [[nodiscard]] std::set<LayerId> globallyMuted(const LayerId& root) const;
 
 private:
     [[nodiscard]] Result<LiveLayer*> filled(const LayerId& id) const;
@@ -25,7 +23,6 @@ private:
     LiveSet& layers_;
     EditorFrame& frame_;
     Session& session_;
-    const UserName user_;
 };
 
 }  // namespace usdlive::client

@@ -9,7 +9,7 @@
 #include <utility>
 
 #include "basics/Clocks.h"
-#include "session/OwnRights.h"
+#include "session/Permissions.h"
 #include "usd/live/EarlyWork.h"
 #include "usd/live/LayerClaims.h"
 #include "usd/places/UsedLayers.h"
@@ -339,20 +339,10 @@ void OpenLayers::makeNamedFindable() {
     }
 }
 
-std::optional<UserName> OpenLayers::foreignLock(const LayerId& id) const {
-    const auto& welcome = with_.session.welcome();
-    if (!welcome || welcome->administrator.value_or(false)) return std::nullopt;
-    const auto& states = with_.session.layerStates();
-    const auto state = states.find(id);
-    if (state == states.end() || !state->second.locked || state->second.holder == with_.user)
-        return std::nullopt;
-    return state->second.holder;
-}
-
 void OpenLayers::followLock(const LayerId& id) {
     auto* live = find(id);
     if (!live || !with_.session.welcome()) return;
-    live->setForbidden(foreignLock(id) || !with_.session.rights().mayWriteIn(id));
+    live->setForbidden(!mayWriteIn(with_.session, id));
 }
 
 void OpenLayers::followLocks() {

@@ -39,7 +39,6 @@ public:
         BlobSink& sink;      ///< for the editor's big arrays
         Worker& filler;      ///< builds the content of layers
         Worker& background;  ///< searches for loaded layers
-        UserName user;
     };
     explicit OpenLayers(Surroundings surroundings);
 
@@ -102,8 +101,6 @@ public:
     /// Makes layers findable that edits of this tick name, because composition opens them at the
     /// end of the change block. Those that value clips name are found as files.
     void makeNamedFindable();
-    /// Returns who has locked the layer, if this keeps the user from editing it (LK1).
-    [[nodiscard]] std::optional<UserName> foreignLock(const LayerId& id) const;
     /// Sets `permissionToEdit` according to the lock, the role and the access rules that the server
     /// has reported.
     void followLock(const LayerId& id);

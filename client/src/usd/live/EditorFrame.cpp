@@ -51,15 +51,13 @@ bool EditorFrame::hasWrites(LiveSet& layers) {
 }
 
 void EditorFrame::author(LiveSet& layers, Session& session, LiveLayer& live,
-                         const std::function<std::vector<EditAction>()>& makeEdits,
-                         const std::function<void()>& alongside) {
+                         std::vector<EditAction> actions, const std::function<void()>& alongside) {
     const pxr::SdfChangeBlock frame;
-    seal(layers, session);
     if (alongside) alongside();
     std::vector<AuthoredEdit> edits = take(layers);
     {
         usd::SdfLayerStore::Block block;
-        for (EditAction& action : makeEdits()) {
+        for (EditAction& action : actions) {
             live.apply("/", action, block);
             edits.push_back({live.id(), "/", std::move(action)});
         }

@@ -46,10 +46,9 @@ public:
         return std::exchange(outside_, {});
     }
 
-    /// Submits edits of a layer's root after all earlier writes. `makeEdits` is called when the
-    /// earlier writes are submitted. The writes of `alongside` become part of the transaction.
-    void author(LiveSet& layers, Session& session, LiveLayer& live,
-                const std::function<std::vector<EditAction>()>& makeEdits,
+    /// Submits edits of a layer's root as one transaction. The writes of `alongside` become part of
+    /// it. Precondition: all earlier writes are sealed.
+    void author(LiveSet& layers, Session& session, LiveLayer& live, std::vector<EditAction> actions,
                 const std::function<void()>& alongside = {});
 
 private:

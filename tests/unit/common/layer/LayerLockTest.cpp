@@ -29,6 +29,19 @@ TEST(LayerLock, KitsLockHasNoHolder) {
     EXPECT_EQ(lockOf(doc), (LayerLock{true, {}, 0}));
 }
 
+TEST(LayerLock, ALayerWithKitsMapOfLocksHasNoneItself) {
+    LayerDoc doc;
+    EXPECT_TRUE(checkLockable(LayerId{"a.usda"}, doc));
+    mustApply(doc, lockEdits({true, {"ada"}, 1}));
+    EXPECT_TRUE(checkLockable(LayerId{"a.usda"}, doc));
+    mustApply(doc, {EraseField{"customLayerData", {}},
+                    SetField{"customLayerData", DictionaryKey{{"omni_layer", "locked", "./b.usda"}},
+                             boolValue(true)}});
+    const auto refused = checkLockable(LayerId{"a.usda"}, doc);
+    ASSERT_FALSE(refused);
+    EXPECT_EQ(refused.error().code, ErrorCode::InvalidArgument);
+}
+
 TEST(LayerLock, RecognizesItsOwnFields) {
     for (const EditAction& action : lockEdits({true, {"ada"}, 1})) {
         EXPECT_TRUE(isLockEdit(action));

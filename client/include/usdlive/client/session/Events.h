@@ -194,6 +194,13 @@ struct PresenceChanged {
 /// anew.
 struct RightsChanged {};
 }  // namespace event
+
+/// The answer to Client::mayEdit() and Client::mayDo(). `why` is a sentence if the user may not.
+struct Permission {
+    bool isAllowed = false;
+    std::string why;
+};
+
 /// The events above, and event::Answered for each request.
 template <class Events, class Requests>
 struct WithAnswers;

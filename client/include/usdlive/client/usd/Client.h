@@ -377,11 +377,7 @@ public:
     /// Returns "viewer", "reviewer", "editor" or "admin": what the server lets the user do (AC3).
     /// Live layers refuse edits of viewers and reviewers. Empty while the project is not known.
     [[nodiscard]] std::string role() const;
-    /// The answer to mayEdit() and mayDo(). `why` is a sentence if the user may not.
-    struct Permission {
-        bool isAllowed = false;
-        std::string why;
-    };
+    using Permission = client::Permission;
     /// Returns whether the server lets the user write opinions of this kind at the place now, by
     /// role, access rules and the lock of the layer (AC3, AC6, LK1). Asks nobody and does not
     /// wait. `path` names a prim or property; `kind` is a kind of opinion (AC7), for example

@@ -29,6 +29,10 @@ struct LayerLock {
 /// there is no lock to release.
 [[nodiscard]] std::vector<EditAction> lockEdits(const LayerDoc& doc, const LayerLock& lock);
 
+/// Returns an error if the layer has no lock of its own: as the root layer of a stage, it keeps at
+/// this place which layers Kit has locked.
+[[nodiscard]] Result<void> checkLockable(const LayerId& layer, const LayerDoc& doc);
+
 /// Returns true if the action, of the pseudo-root, changes only the lock.
 [[nodiscard]] bool isLockEdit(const EditAction& action);
 /// Returns true if the action may change the lock.

@@ -1,0 +1,82 @@
+// Reads the history over the session of an editor.
+#include "history/SessionHistory.h"
+
+#include <memory>
+#include <utility>
+
+#include "basics/Clocks.h"
+#include "history/HistorySearch.h"
+#include "usdlive/common/core/LayerPath.h"
+
+namespace usdlive::client {
+
+namespace {
+
+// A call fails if a connected server sends nothing for this time.
+constexpr double kSilentHistoryMs = 60'000;
+
+}  // namespace
+
+Result<LogPage> SessionHistory::log(const LogQuery& query) {
+    if (!query.filter.layer.empty())
+        if (auto known = checkLayer(query.filter.layer); !known)
+            return tl::unexpected(known.error());
+    return searchLog(*this, query);
+}
+
+Result<BlameResult> SessionHistory::blame(const LayerId& layer, const std::string& path,
+                                          bool below) {
+    if (auto known = checkLayer(layer); !known) return tl::unexpected(known.error());
+    return findBlame(*this, layer, path, below);
+}
+
+Result<void> SessionHistory::checkLayer(const LayerId& layer) const {
+    if (auto valid = parseLayerId(layer.value); !valid) return tl::unexpected(valid.error());
+    if (!session_.isConnected()) return tl::unexpected(editor_.notThere());
+    if (!session_.projectLayers().contains(layer))
+        return fail(ErrorCode::LayerNotFound, "the project has no layer " + layer.value);
+    return {};
+}
+
+// `answer` belongs to the session, too, which may set it after this has given up.
+template <class Answer>
+Result<void> SessionHistory::waitFor(const std::optional<Answer>& answer) const {
+    Stopwatch silent;
+    while (!answer) {
+        if (editor_.step()) silent = Stopwatch();
+        if (!answer && silent.ms() > kSilentHistoryMs)
+            return fail(ErrorCode::NotConnected, "the server no longer answers");
+    }
+    return {};
+}
+
+Result<std::vector<Commit>> SessionHistory::readLog(Revision from, Revision to) {
+    struct Reading {
+        std::vector<Commit> commits;
+        std::optional<Result<void>> end;
+    };
+    const auto reading = std::make_shared<Reading>();
+    session_.requestLog(
+        from, to, [reading](const Commit& commit) { reading->commits.push_back(commit); },
+        [reading](Result<void> end) { reading->end = std::move(end); });
+    if (auto waited = waitFor(reading->end); !waited) return tl::unexpected(waited.error());
+    if (!*reading->end) return tl::unexpected(reading->end->error());
+    return std::move(reading->commits);
+}
+
+Result<HistoryReader::Content> SessionHistory::readLayer(const LayerId& layer, Revision revision) {
+    const LayerDoc* const confirmed = session_.confirmed(layer);
+    if (revision == 0 && confirmed) return Content{*confirmed, session_.revision()};
+    const auto answer = std::make_shared<std::optional<Result<Content>>>();
+    session_.peek(layer, revision > 0 ? revision : session_.revision(),
+                  [answer](Result<LayerDoc> doc, Revision at) {
+                      if (doc)
+                          *answer = Content{*std::move(doc), at};
+                      else
+                          *answer = tl::unexpected(doc.error());
+                  });
+    if (auto waited = waitFor(*answer); !waited) return tl::unexpected(waited.error());
+    return std::move(**answer);
+}
+
+}  // namespace usdlive::client
