@@ -151,9 +151,10 @@ def test_a_log_that_cannot_be_written_stops_nobody(studio):
     assert "the audit log is written again" in studio.server.log.read_text()
 
 
-def test_an_editor_asks_what_it_may(studio):
+@pytest.mark.parametrize("backend", ["fast", "portable"])
+def test_an_editor_asks_what_it_may(studio, backend):
     """AC8"""
-    ann, eve = studio.join("ann", "editor"), studio.join("eve", "reviewer")
+    ann, eve = studio.join("ann", "editor", backend), studio.join("eve", "reviewer", backend)
     opened(ann)
     stage, layer = opened(eve)
     may = ann.may_edit("root.usda", "/World/Props", "transform")
@@ -191,7 +192,7 @@ def test_an_editor_asks_what_it_may(studio):
             ann.may_edit(*words)
     # An editor that connects later knows it at once.
     studio.be("ann")
-    with usdlive.connect(studio.server.url) as later:
+    with usdlive.connect(studio.server.url, backend=backend) as later:
         assert not later.may_edit("root.usda", "/World/Props", "transform")
 
 

@@ -46,9 +46,10 @@ def test_checkpoints_by_command(served):
     assert "1 to 200 bytes" in refused("checkpoint", served.url, "x" * 201)
 
 
-def test_acknowledged_edits_survive_a_kill(served):
+@pytest.mark.parametrize("backend", ["fast", "portable"])
+def test_acknowledged_edits_survive_a_kill(served, backend):
     made = []
-    with connect(served, "ada") as ada:
+    with connect(served, "ada", backend) as ada:
         layer = ada.open_layer("shot.usda")
         for number in range(20):
             write(layer, number)

@@ -21,6 +21,7 @@ import usdlive
 from pxr import Usd
 from usdlive import _usdlive, events
 from usdlive.omni.kit.usd.layers import LayerErrorType
+from usdlive.portable import PortableLive
 
 ROOT = pathlib.Path(__file__).parents[2]
 NONE = "none.usda"
@@ -217,9 +218,11 @@ def test_the_table_has_every_call():
     assert calls == set(CALLS) | ARE_NO_REQUESTS
 
 
-@pytest.mark.parametrize("name, number", [(name, number) for name, all_ in CALLS.items() for number in range(len(all_))])
-def test_a_call(server, name, number):
-    with connect(server, "ada") as live:
+@pytest.mark.parametrize("backend, name, number", [
+    (backend, name, number) for backend in ("fast", "portable") for name, all_ in CALLS.items() for number in range(len(all_))
+    if backend == "fast" or hasattr(PortableLive, name) and name != "open_stage"])
+def test_a_call(server, backend, name, number):
+    with connect(server, "ada", backend) as live:
         live.open_layer("shot.usda")
         before = live.revision
         try:

@@ -16,10 +16,14 @@ from usdlive import events
 ROOT = '#usda 1.0\n\ndef "World"\n{\n    double x = 0\n}\n'
 
 
-def test_a_lock_is_enforced_and_notified(project, serve):
+either = pytest.mark.parametrize("backend", ["fast", "portable"])
+
+
+@pytest.mark.parametrize("hers, his", [("fast", "fast"), ("fast", "portable"), ("portable", "fast")])
+def test_a_lock_is_enforced_and_notified(project, serve, hers, his):
     (project / "shot.usda").write_text(ROOT)
     server = serve(project)
-    with connect(server, "ada") as ada, connect(server, "bob") as bob:
+    with connect(server, "ada", hers) as ada, connect(server, "bob", his) as bob:
         layers = {live: live.open_layer("shot.usda") for live in (ada, bob)}
         ada.lock("shot.usda")
         assert ada.flush()
@@ -64,10 +68,11 @@ def test_a_lock_is_enforced_and_notified(project, serve):
         assert not kept.GetRootLayer().permissionToEdit, "nobody would get an edit of a closed layer"
 
 
-def test_a_lock_leaves_the_permission_to_its_host_and_to_administrators(project, serve):
+@either
+def test_a_lock_leaves_the_permission_to_its_host_and_to_administrators(project, serve, backend):
     (project / "shot.usda").write_text(ROOT)
     server = serve(project, "--admin", "eve")
-    with connect(server, "ada") as ada, connect(server, "bob") as bob, connect(server, "eve") as eve:
+    with connect(server, "ada") as ada, connect(server, "bob", backend) as bob, connect(server, "eve", backend) as eve:
         ada.open_layer("shot.usda")
         his, hers = bob.open_layer("shot.usda"), eve.open_layer("shot.usda")
         his.SetPermissionToEdit(False)  # set by his editor itself
@@ -84,15 +89,16 @@ def test_a_lock_leaves_the_permission_to_its_host_and_to_administrators(project,
         # A client that joins while the layer is locked.
         ada.lock("shot.usda")
         assert ada.flush()
-        with connect(server, "joe") as joe:
+        with connect(server, "joe", backend) as joe:
             stage = Usd.Stage.Open(joe.open_layer("shot.usda"))
             wait(lambda: not stage.GetRootLayer().permissionToEdit, joe)
 
 
-def test_refusals_of_one_register_are_one_event_a_second(project, serve):
+@either
+def test_refusals_of_one_register_are_one_event_a_second(project, serve, backend):
     (project / "shot.usda").write_text(ROOT)
     server = serve(project)
-    with connect(server, "ada") as ada, connect(server, "bob") as bob:
+    with connect(server, "ada") as ada, connect(server, "bob", backend) as bob:
         hers, his = ada.open_layer("shot.usda"), bob.open_layer("shot.usda")
         hers.customLayerData = {"omni_layer": {"specs_locking": {"/World.x": "ada"}}}
         wait(lambda: his.customLayerData, ada, bob)
@@ -102,6 +108,7 @@ def test_refusals_of_one_register_are_one_event_a_second(project, serve):
         for frame in range(writes):
             his.GetAttributeAtPath("/World.x").default = 10.0 + frame
             assert bob.flush()
+            assert his.GetAttributeAtPath("/World.x").default == 0.0
         wait(lambda: sum(event.count for event in lost) == writes, bob)
         assert lost[0].count == 1 and len(lost) < writes / 3
         assert all(event.code == "locked" for event in lost)
@@ -110,11 +117,12 @@ def test_refusals_of_one_register_are_one_event_a_second(project, serve):
         assert newest.GetAttributeAtPath("/World.x").default == 10.0 + writes - 1
 
 
-def test_locking_and_muting_twice_commits_nothing(project, serve):
+@either
+def test_locking_and_muting_twice_commits_nothing(project, serve, backend):
     (project / "shot.usda").write_text(ROOT)
     (project / "anim.usda").write_text(ROOT)
     server = serve(project)
-    with connect(server, "ada") as ada:
+    with connect(server, "ada", backend) as ada:
         ada.open_layer("shot.usda")
 
         def commits(change, *arguments):
@@ -160,13 +168,14 @@ def test_a_lock_from_the_command_line(project, serve):
     assert missing.returncode == 1 and "none.usda" in missing.stderr
 
 
-def test_the_layer_with_kits_map_of_locks_keeps_it(project, serve):
+@either
+def test_the_layer_with_kits_map_of_locks_keeps_it(project, serve, backend):
     (project / "shot.usda").write_text(ROOT.replace("#usda 1.0\n", """#usda 1.0
 (
     customLayerData = { dictionary omni_layer = { dictionary locked = { bool "./a.usda" = 1 } } }
 )
 """))
-    with connect(serve(project), "ada") as ada:
+    with connect(serve(project), "ada", backend) as ada:
         layer = ada.open_layer("shot.usda")
         with pytest.raises(usdlive.Error, match="cannot be locked"):
             ada.lock("shot.usda")
@@ -175,10 +184,11 @@ def test_the_layer_with_kits_map_of_locks_keeps_it(project, serve):
             ada.lock("other.usda")
 
 
-def test_a_lock_outlives_the_server_and_is_saved_with_the_layer(project, serve):
+@either
+def test_a_lock_outlives_the_server_and_is_saved_with_the_layer(project, serve, backend):
     (project / "shot.usda").write_text(ROOT)
     server = serve(project)
-    with connect(server, "ada") as ada, connect(server, "bob") as bob:
+    with connect(server, "ada", backend) as ada, connect(server, "bob") as bob:
         ada.open_layer("shot.usda")
         layer = bob.open_layer("shot.usda")
         ada.lock("shot.usda")

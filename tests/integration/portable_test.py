@@ -329,6 +329,98 @@ def test_each_step_is_undone_and_redone_exactly(project, serve, portable, versio
     assert all_synced(server, one, fast) == plain(UNDO_ROOT)
 
 
+EDIT = "stage.GetPrimAtPath('/World').SetDocumentation({!r})"
+IGNORING = "layer().SetPermissionToEdit(True)  # like an editor that ignores the lock\n"
+REFUSED = "assert live.flush(); result = [event.code for event in happened if type(event).__name__ == 'Lost']; happened.clear()"
+
+
+@pytest.mark.parametrize("version", OTHERS)
+def test_editors_of_both_backends_lock_for_each_other(served, portable, version):
+    server = served()
+    editors = {"old": portable(server, version, "old"), "fast": portable(server, BUILT_FOR, "fast")}
+    text = all_synced(server, *editors.values())
+    for holder, other in (("fast", "old"), ("old", "fast")):
+        hers, his = editors[holder], editors[other]
+        hers.run("live.lock('root.usda'); assert live.flush()")
+        his.run("assert live.wait(lambda: not layer().permissionToEdit, 20)")
+        state = his.run("state = live.layer_states()['root.usda']; result = [state.locked, state.holder, state.dirty]")
+        assert state == [True, holder, True]
+        assert his.run("may = live.may_edit('root.usda', '/World'); result = [may.allowed, may.why]") == [
+            False, f"root.usda is locked by {holder}"]
+        assert his.run("result = live.may_do('save', 'root.usda').why") == f"root.usda is locked by {holder}"
+        assert "not editable" in his.run(f"try:\n    {EDIT.format('refused here')}\nexcept Exception as error:\n    result = str(error)")
+        locked = all_synced(server, *editors.values())
+        his.run(IGNORING + EDIT.format("refused there"))
+        assert his.run(REFUSED) == ["locked"] and his.text("root.usda") == locked
+        hers.run(EDIT.format(f"by {holder}"))
+        his.catch_up(hers.flush())
+        assert f'doc = "by {holder}"' in his.text("root.usda")
+        # Only its holder ends it.
+        his.run("live.unlock('root.usda')")
+        assert his.run(REFUSED) == ["locked"]
+        hers.run("live.unlock('root.usda'); assert live.flush()")
+        his.run("assert live.wait(lambda: live.may_edit('root.usda'), 20) and layer().permissionToEdit")
+        his.run(EDIT.format(f"by {other}"))
+        assert his.run(REFUSED) == []
+        hers.catch_up(his.flush())
+    assert text != all_synced(server, *editors.values())
+
+
+@pytest.mark.parametrize("version", OTHERS)
+def test_a_locked_spec_is_given_back(served, portable, version):
+    """LK5. Kit's API locks specs in the root layer of a stage."""
+    server = served()
+    old, fast = portable(server, version, "old"), portable(server, BUILT_FOR, "fast")
+    fast.run("layer().customLayerData = {**layer().customLayerData, 'omni_layer': {'specs_locking': {'/World/Ball': 'fast'}}}")
+    before = fast.flush()
+    old.catch_up(before)
+    text = old.text("root.usda")
+    old.run("stage.GetPrimAtPath('/World/Ball').SetMetadata('hidden', True)")
+    assert old.run(REFUSED) == ["locked"] and old.text("root.usda") == text
+    old.run("stage.GetPrimAtPath('/World/Box').SetMetadata('hidden', True)")
+    assert old.run(REFUSED) == [] and old.flush() == before + 1
+
+
+@pytest.mark.parametrize("version", OTHERS)
+def test_a_mute_for_everybody_reaches_the_stages_of_every_version(served, portable, version):
+    server = served()
+    editors = [portable(server, version, "old"), portable(server, BUILT_FOR, "fast")]
+    composed = "stage.GetPrimAtPath('/World').HasAttribute('fromBelow')"
+    for one, other in (editors, editors[::-1]):
+        one.run("live.mute('root.usda', 'sub.usda'); assert live.flush()")
+        for each in (one, other):
+            each.run(f"assert live.wait(lambda: not {composed}, 20) and len(stage.GetMutedLayers()) == 1")
+        other.run("live.unmute('root.usda', 'sub.usda'); assert live.flush()")
+        for each in (one, other):
+            each.run(f"assert live.wait(lambda: {composed}, 20) and live.globally_muted('root.usda') == []")
+    all_synced(server, *editors)
+
+
+@pytest.mark.parametrize("version", OTHERS)
+def test_checkpoints_and_the_history_are_those_of_the_fast_backend(served, portable, version):
+    server = served()
+    old, fast = portable(server, version, "old"), portable(server, BUILT_FOR, "fast")
+    with_label = f"with live.undo_group('Describe'): {EDIT.format('one')}\n"
+    old.run(with_label + "made = live.create_checkpoint('lunch')")
+    old.run(EDITS["rename"] + "\nassert live.flush()")
+    fast.catch_up(old.flush())
+    fast.run("stage.GetPrimAtPath('/World/Globe').GetAttribute('radius').Set(5)")
+    old.catch_up(fast.flush())
+    asked = ["[vars(one) for one in live.checkpoints()]", "[repr(one) for one in live.log()]", "[one.user for one in live.log(by='fast')]",
+             "[one.label for one in live.log(label='describe', limit=1)]",
+             "[repr(one) for one in live.log(layer='root.usda', path='/World/Globe')]",
+             "[repr(one) for one in live.blame('root.usda', '/World', below=True)]"]
+    answers = [old.run(f"result = {one}") for one in asked]
+    assert answers == [fast.run(f"result = {one}") for one in asked]
+    assert [one["name"] for one in answers[0]] == ["lunch"] and answers[2:4] == [["fast"], ["Describe"]]
+    assert "'/World/Ball'" in answers[4][-1] and len(answers[5]) > 20
+    for call, code in (("live.create_checkpoint('lunch')", "checkpointExists"), ("live.blame('root.usda', '/None')", "specNotFound"),
+                       ("list(live.log(layer='none.usda'))", "layerNotFound"), ("live.lock('none.usda')", "layerNotOpen"),
+                       ("live.may_edit('root.usda', '/World', 'colour')", "invalidArgument")):
+        for one in (old, fast):
+            assert one.run(f"try:\n    {call}\nexcept usdlive.Error as error:\n    result = error.code") == code, call
+
+
 @pytest.mark.parametrize("seed", range(int(os.environ.get("USDLIVE_PORTABLE_SEEDS", "3"))))
 def test_random_edits_end_the_same_everywhere(served, portable, seed):
     server = served("#usda 1.0\n")

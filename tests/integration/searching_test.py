@@ -19,10 +19,10 @@ def server(project, serve):
     return serve(project)
 
 
-@pytest.fixture
-def two(server):
-    """Commits of two users, with a rename between."""
-    with connect(server, "ada") as ada, connect(server, "bo") as bo:
+@pytest.fixture(params=["fast", "portable"])
+def two(server, request):
+    """Commits of two users, with a rename between. The searches are those of each backend."""
+    with connect(server, "ada", request.param) as ada, connect(server, "bo") as bo:
         layers = {one: one.open_layer("root.usda") for one in (ada, bo)}
         for one, edit in ((ada, lambda root: setattr(root.GetAttributeAtPath("/World/Ball.radius"), "default", 2.0)),
                           (bo, lambda root: root.SetTimeSample("/World/Ball.radius", 2, 20.0)),
@@ -140,7 +140,7 @@ def test_blame_is_that_of_the_command(two):
     samples = ada.blame("root.usda", "/World/Planet.radius.timeSamples")
     assert [(one.part, one.value, one.user) for one in samples] == [(1.0, 10.0, ""), (2.0, 20.0, "bo")]
     # A layer that is not open here, and edits that are not committed.
-    with connect(server, "cy") as cy:
+    with connect(server, "cy", ada.backend) as cy:
         assert [(one.path, one.user) for one in cy.blame("root.usda", "/World/Planet.radius") if one.field == "default"] == [
             ("/World/Planet.radius", "bo")]
         assert cy.opened_layer("root.usda") is None
@@ -156,7 +156,7 @@ def test_a_compacted_history_ends_at_its_base(two):
     assert bo.flush()
     wait(lambda: ada.revision == bo.revision, ada)
     run("compact", server.url, "--days", "0")
-    with connect(server, "cy") as later:
+    with connect(server, "cy", ada.backend) as later:
         for one in (ada, later):  # one was connected before the base was made
             assert [commit.revision for commit in one.log()] == [base + 1]
             opinions = one.blame("root.usda", "/World/Planet.radius")

@@ -68,11 +68,11 @@ class Studio:
     def be(self, name: str) -> None:
         self.monkeypatch.setenv("XDG_CONFIG_HOME", self.home(name))
 
-    def join(self, name: str, role: str):
+    def join(self, name: str, role: str, backend: str | None = None):
         """Adds a user, who joins, and returns their connection."""
         invitation = invited("add", name, "--role", role, self.folder)
         self.be(name)
-        self.joined.append(usdlive.connect(invitation))
+        self.joined.append(usdlive.connect(invitation, backend=backend))
         self.be("nobody")
         return self.joined[-1]
 

@@ -7,6 +7,7 @@
 
 #include "basics/Clocks.h"
 #include "link/Destination.h"
+#include "session/RootEdits.h"
 #include "transport/Connection.h"
 #include "usdlive/common/core/ClientSecret.h"
 #include "usdlive/common/core/Thread.h"
@@ -21,7 +22,8 @@ namespace fs = std::filesystem;
 
 constexpr std::size_t kSharedCacheMemory = std::size_t(256) << 20;
 constexpr const char* kSharedCachePrefix = "usdlive-cache-";
-constexpr double kGreetingBudgetMs = 50;
+// The budget of a step while a call waits for the server, and its longest wait.
+constexpr double kStepBudgetMs = 50, kStepMs = 5;
 constexpr double kUnreachableMs = 1000;
 
 Session::Options optionsFor(const SharedLayers::Settings& settings, const Hash& secret) {
@@ -45,7 +47,9 @@ SharedLayers::SharedLayers(Settings settings, ProcessFolder folder, fs::path cac
       unsent_(folderOfState({}, settings_.cacheFolder), optionsFor(settings_, secret), blobs_,
               events_),
       link_(std::make_unique<ServerLink>(std::move(connection))),
-      session_(std::make_unique<Session>(optionsFor(settings_, secret), *this, *this)) {
+      session_(std::make_unique<Session>(optionsFor(settings_, secret), *this, *this)),
+      history_(*session_,
+               {[this] { return step(); }, [this] { return link_->notThere(*session_); }}) {
     events_.setHandler([this](const Event& event) { taken_.push_back(event); });
     static_cast<void>(session_->showPresence({}));
     if (ownFolder_)
@@ -95,7 +99,7 @@ Result<void> SharedLayers::greet() {
         if (link_->lastLoss() && !link_->isOpen() && watch.ms() > kUnreachableMs)
             return tl::unexpected(*link_->lastLoss());
         link_->connection().wait(std::chrono::milliseconds(20));
-        advance(kGreetingBudgetMs);
+        advance(kStepBudgetMs);
         static_cast<void>(takeEvents());
     }
     return {};
@@ -114,9 +118,20 @@ bool SharedLayers::advance(double budgetMs) {
     return !done;
 }
 
-std::vector<Event> SharedLayers::takeEvents() {
+bool SharedLayers::step() {
+    const bool heard = wait(kStepMs);
+    advance(kStepBudgetMs);
+    collectEvents();
+    return heard;
+}
+
+void SharedLayers::collectEvents() {
     for (Event& event : session_->takeEvents())
         if (note(event)) events_.push(std::move(event));
+}
+
+std::vector<Event> SharedLayers::takeEvents() {
+    collectEvents();
     lost_.reportDue(steadyMs());
     unsent_.reportErrors();
     events_.dispatch();
@@ -201,6 +216,33 @@ void SharedLayers::submit() {
         else
             own.hasOwnIds = true;
     }
+}
+
+Result<void> SharedLayers::setLocked(const LayerId& layer, bool locked) {
+    if (auto open = checkOpen(layer); !open) return open;
+    return authorAtRoot(layer, lockEdits(*session_, layer, locked, wallClockMs()));
+}
+
+Result<void> SharedLayers::setGloballyMuted(const LayerId& root, const LayerId& layer, bool muted) {
+    if (auto open = checkOpen(root); !open) return open;
+    return authorAtRoot(root, muteEdits(*session_, root, layer, muted));
+}
+
+Result<void> SharedLayers::checkOpen(const LayerId& layer) const {
+    const auto found = layers_.find(layer);
+    if (found != layers_.end() && found->second.shown && session_->view(layer)) return {};
+    return fail(ErrorCode::LayerNotOpen, layer.value + " is not open here");
+}
+
+Result<void> SharedLayers::authorAtRoot(const LayerId& layer,
+                                        Result<std::vector<EditAction>> actions) {
+    if (!actions) return tl::unexpected(actions.error());
+    std::vector<AuthoredEdit> edits;
+    for (EditAction& action : *actions) edits.push_back({layer, "/", std::move(action)});
+    if (edits.empty()) return {};
+    session_->author(std::move(edits));
+    layers_.at(layer).isBehind = true;
+    return {};
 }
 
 // --- what the editor gets

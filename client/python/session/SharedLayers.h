@@ -16,6 +16,7 @@
 #include "LayerComparison.h"
 #include "basics/CallerThread.h"
 #include "basics/ProcessFolder.h"
+#include "history/SessionHistory.h"
 #include "link/EditorEvents.h"
 #include "link/ServerLink.h"
 #include "session/Session.h"
@@ -107,6 +108,15 @@ public:
     [[nodiscard]] std::optional<Bytes> held(const LayerId& layer, const std::string& path,
                                             const std::string& field);
 
+    // Edits of a layer's root as an own transaction; takeChanges() then has them. Precondition:
+    // what the editor wrote was submitted. Errors: LayerNotOpen, those of lockEdits() and
+    // muteEdits().
+    [[nodiscard]] Result<void> setLocked(const LayerId& layer, bool locked);
+    [[nodiscard]] Result<void> setGloballyMuted(const LayerId& root, const LayerId& layer,
+                                                bool muted);
+    /// Its calls wait for the server. takeEvents() then has what happened meanwhile.
+    [[nodiscard]] SessionHistory& history() { return history_; }
+
     [[nodiscard]] UnsentWorkReports& unsent() { return unsent_; }
     Result<SentWork> sendUnsent(const ClientId& work, double timeoutMs) {
         return unsent_.send(work, timeoutMs, lost_);
@@ -145,6 +155,9 @@ private:
     SharedLayers(Settings settings, ProcessFolder folder, std::filesystem::path cache,
                  std::unique_ptr<Connection> connection, const Hash& secret);
     Result<void> greet();
+    /// Waits until something is received, and takes it. Returns whether something was received.
+    bool step();
+    void collectEvents();
     /// Returns false for events that the editor does not get, or not yet.
     bool note(Event& event);
     void visitSparse(const LostWork& work, const LayerId& layer, const NameOfType& nameOfType,
@@ -152,6 +165,8 @@ private:
     static void visitContent(const LayerDoc& doc,
                              const std::function<std::optional<Bytes>(const FieldValue&)>& encoded,
                              const Visit& visit);
+    [[nodiscard]] Result<void> checkOpen(const LayerId& layer) const;
+    Result<void> authorAtRoot(const LayerId& layer, Result<std::vector<EditAction>> actions);
     [[nodiscard]] std::optional<Bytes> inlineOrAsk(const FieldValue& value);
     void addLateFields(Layer& layer, std::vector<LayerChange>& changes);
 
@@ -167,6 +182,7 @@ private:
     UnsentWorkReports unsent_;
     std::unique_ptr<ServerLink> link_;
     std::unique_ptr<Session> session_;
+    SessionHistory history_;
     std::map<LayerId, Layer> layers_;
     std::vector<AuthoredEdit> captured_;
     std::set<Hash> awaited_;

@@ -15,10 +15,15 @@
 #include "Errors.h"
 #include "EventDictionary.h"
 #include "Fields.h"
+#include "FromPython.h"
 #include "SharedLayers.h"
+#include "history/Moment.h"
 #include "session/OwnRights.h"
+#include "session/Permissions.h"
+#include "session/RootEdits.h"
 #include "usdlive/common/core/LayerPath.h"
 #include "usdlive/common/core/Overloaded.h"
+#include "usdlive/common/fetch/Join.h"
 #include "usdlive/common/layer/FileRules.h"
 #include "usdlive/common/layer/SpecPath.h"
 #include "usdlive/common/protocol/Role.h"
@@ -58,6 +63,9 @@ public:
         closing.reset();
     }
     [[nodiscard]] bool isClosed() const { return !layers_; }
+
+    /// Raises an error if the connection was closed, or belongs to another thread.
+    void checkCaller(const std::string& function) { here(function.c_str()); }
 
     bool advance(double budgetMs) {
         auto& layers = here("advance");
@@ -168,11 +176,64 @@ public:
         const auto forced = force ? std::optional(true) : std::nullopt;
         return session("save").request(SaveLayers{.layers = std::move(layers), .force = forced});
     }
-    std::uint64_t createLayer(const std::string& name) {
-        return session("create_layer").request(CreateLayer{.layer = orRaise(parseLayerId(name))});
+    /// `type` as in PROTOCOL.md, "createCheckpoint".
+    std::uint64_t request(const std::string& type, const nb::dict& fields) {
+        auto request = requestFrom(type, fields);
+        return session(pythonName(type).c_str()).request(std::move(request));
     }
+
+    // --- locks and rights
+
+    void setLocked(const std::string& name, bool locked) {
+        const LayerId layer = orRaise(parseLayerId(name));
+        if (const auto set = here(locked ? "lock" : "unlock").setLocked(layer, locked); !set)
+            raise(set.error());
+    }
+    void setGloballyMuted(const std::string& root, const std::string& layer, bool muted) {
+        const LayerId rootId = orRaise(parseLayerId(root)), layerId = orRaise(parseLayerId(layer));
+        auto& layers = here(muted ? "mute" : "unmute");
+        if (const auto set = layers.setGloballyMuted(rootId, layerId, muted); !set)
+            raise(set.error());
+    }
+    std::vector<std::string> globallyMuted(const std::string& root) {
+        std::vector<std::string> names;
+        const LayerId id = orRaise(parseLayerId(root));
+        for (const LayerId& layer : client::globallyMuted(session("globally_muted"), id))
+            names.push_back(layer.value);
+        return names;
+    }
+    nb::list layerStates() { return toDictionaries(session("layer_states").layerStates()); }
     bool mayWrite(const std::string& name) {
-        return session("may_write").rights().mayWriteIn(orRaise(parseLayerId(name)));
+        return client::mayWriteIn(session("may_write"), orRaise(parseLayerId(name)));
+    }
+    nb::tuple mayEdit(const std::string& layer, const std::string& path, const std::string& kind) {
+        const LayerId id = orRaise(parseLayerId(layer));
+        return usdlive::toTuple(orRaise(client::mayEdit(session("may_edit"), id, path, kind)));
+    }
+    nb::tuple mayDo(const std::string& action, const std::optional<std::string>& layer) {
+        const LayerId place{layer.value_or("")};
+        return usdlive::toTuple(orRaise(client::mayDo(session("may_do"), action, place)));
+    }
+
+    // --- history
+
+    nb::tuple readLog(const nb::dict& query, Revision before, std::size_t limit) {
+        const auto asked = logQueryFrom(query, before, limit);
+        auto& layers = here("log");
+        const auto page = orRaise([&] {
+            const nb::gil_scoped_release release;
+            return layers.history().log(asked);
+        }());
+        return usdlive::toTuple(page);
+    }
+    nb::list blame(const std::string& name, const std::string& path, bool below) {
+        const LayerId layer = orRaise(parseLayerId(name));
+        auto& layers = here("blame");
+        const auto found = orRaise([&] {
+            const nb::gil_scoped_release release;
+            return layers.history().blame(layer, path, below);
+        }());
+        return toDictionaries(found);
     }
 
     // --- undo
@@ -318,6 +379,14 @@ NB_MODULE(_session, module) {
         const auto type = valueTypeOf(name);
         return type ? nb::object(nb::int_(int(*type))) : nb::none();
     });
+    module.def("join", [](const std::string& invitation) {
+        return orRaise([&] {
+                   const nb::gil_scoped_release release;
+                   return parseInvitation(invitation).and_then(fetch::join);
+               }())
+            .url;
+    });
+    module.def("moment", [](const std::string& text) { return orRaise(client::momentOf(text)); });
     module.def("parent_of", [](const std::string& path) { return specpath::parent(path); });
     module.def("name_of",
                [](const std::string& path) { return std::string(specpath::last(path).name); });
@@ -326,6 +395,7 @@ NB_MODULE(_session, module) {
                       const std::string&, double, std::uint64_t, const std::string&>())
         .def("close", &PythonSession::close)
         .def_prop_ro("closed", &PythonSession::isClosed)
+        .def("check_caller", &PythonSession::checkCaller)
         .def("advance", &PythonSession::advance)
         .def("wait", &PythonSession::wait)
         .def("take_events", &PythonSession::takeEvents)
@@ -360,8 +430,16 @@ NB_MODULE(_session, module) {
         .def("other_history", &PythonSession::otherHistory)
         .def("join_other_history", &PythonSession::joinOtherHistory)
         .def("save", &PythonSession::save)
-        .def("create_layer", &PythonSession::createLayer)
+        .def("request", &PythonSession::request)
+        .def("set_locked", &PythonSession::setLocked)
+        .def("set_globally_muted", &PythonSession::setGloballyMuted)
+        .def("globally_muted", &PythonSession::globallyMuted)
+        .def("layer_states", &PythonSession::layerStates)
         .def("may_write", &PythonSession::mayWrite)
+        .def("may_edit", &PythonSession::mayEdit)
+        .def("may_do", &PythonSession::mayDo)
+        .def("log", &PythonSession::readLog)
+        .def("blame", &PythonSession::blame)
         .def_prop_ro("connected",
                      [](PythonSession& self) { return self.session("connected").isConnected(); })
         .def_prop_ro("revision",

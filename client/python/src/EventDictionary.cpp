@@ -409,6 +409,29 @@ nb::list toDictionaries(const std::map<ClientId, Presence>& presences) {
     return all;
 }
 
+nb::list toDictionaries(const std::map<LayerId, LayerState>& states) {
+    nb::list all;
+    for (const auto& [layer, state] : states) all.append(toDictionary(state));
+    return all;
+}
+
+nb::list toDictionaries(const client::BlameResult& found) {
+    nb::list opinions;
+    for (const client::BlamedContent& one : found.opinions) opinions.append(toDictionary(one));
+    return opinions;
+}
+
+nb::tuple toTuple(const client::LogPage& page) {
+    nb::list commits;
+    for (const Commit& commit : page.commits) commits.append(toDictionary(commit));
+    return nb::make_tuple(commits, page.next.before, page.next.filter.path,
+                          page.end == client::LogPage::End::More);
+}
+
+nb::tuple toTuple(const client::Permission& permission) {
+    return nb::make_tuple(permission.isAllowed, text(permission.why));
+}
+
 nb::dict toDictionary(const client::Event& event) {
     return std::visit([](const auto& each) { return convert(each); }, event);
 }

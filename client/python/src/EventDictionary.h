@@ -30,5 +30,11 @@ namespace usdlive {
 nanobind::dict toDictionary(const LayerState& state);
 [[nodiscard]] nanobind::dict toDictionary(const Presence& presence);
 [[nodiscard]] nanobind::list toDictionaries(const std::map<ClientId, Presence>& presences);
+[[nodiscard]] nanobind::list toDictionaries(const std::map<LayerId, LayerState>& states);
+[[nodiscard]] nanobind::list toDictionaries(const client::BlameResult& found);
+/// Returns (commits, before, path, more): the middle two ask for the next page.
+[[nodiscard]] nanobind::tuple toTuple(const client::LogPage& page);
+/// Returns (allowed, why).
+[[nodiscard]] nanobind::tuple toTuple(const client::Permission& permission);
 
 }  // namespace usdlive

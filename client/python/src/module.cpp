@@ -5,7 +5,6 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/stl/filesystem.h>
 #include <nanobind/stl/optional.h>
-#include <nanobind/stl/pair.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 #include <pxr/usd/sdf/layer.h>
@@ -19,41 +18,18 @@
 #include "Errors.h"
 #include "EventDictionary.h"
 #include "Fields.h"
+#include "FromPython.h"
 #include "LayersBinding.h"
 #include "NamespaceBinding.h"
 #include "SessionsBinding.h"
-#include "history/Moment.h"
 #include "usdlive/client/usd/Client.h"
 #include "usdlive/client/usd/Misuse.h"
 #include "usdlive/common/core/LayerPath.h"
-#include "usdlive/common/fetch/Join.h"
 
 namespace nb = nanobind;
 using namespace usdlive;
 
 namespace {
-
-/// Returns the query that the dictionary of _live.py describes.
-client::LogQuery logQueryOf(const nb::dict& query, Revision before, std::size_t limit) {
-    client::LogQuery asked;
-    CommitFilter& filter = asked.filter;
-    for (const auto& user : nb::cast<std::vector<std::string>>(query["users"]))
-        filter.users.insert(UserName{user});
-    for (const auto& name : nb::cast<std::vector<std::string>>(query["kinds"])) {
-        const auto kind = opinionKindNamed(name);
-        if (!kind) raise({ErrorCode::InvalidArgument, "'" + name + "' is no kind of opinion"});
-        filter.kinds.insert(*kind);
-    }
-    if (!query["since"].is_none()) filter.sinceMs = nb::cast<std::int64_t>(query["since"]);
-    if (!query["until"].is_none()) filter.untilMs = nb::cast<std::int64_t>(query["until"]);
-    if (const auto layer = nb::cast<std::string>(query["layer"]); !layer.empty())
-        filter.layer = orRaise(parseLayerId(layer));
-    filter.path = nb::cast<std::string>(query["path"]);
-    filter.label = nb::cast<std::string>(query["label"]);
-    asked.before = before;
-    asked.limit = limit;
-    return asked;
-}
 
 /// The client. Releases the interpreter's lock while it works, because notices of Sdf reach Python
 /// listeners, which take it.
@@ -154,16 +130,13 @@ public:
                             [&](Client& live) { return live.addressAt(layer, revision); }));
     }
 
-    /// Returns (commits, before, path, more, events).
+    /// Returns (page, events).
     nb::tuple readLog(const nb::dict& query, Revision before, std::size_t limit) {
         const auto page =
-            orRaise(work("log", true, [asked = logQueryOf(query, before, limit)](Client& live) {
+            orRaise(work("log", true, [asked = logQueryFrom(query, before, limit)](Client& live) {
                 return live.readLog(asked);
             }));
-        nb::list commits;
-        for (const Commit& commit : page.commits) commits.append(toDictionary(commit));
-        return nb::make_tuple(commits, page.next.before, page.next.filter.path,
-                              page.end == client::LogPage::End::More, takeEvents());
+        return nb::make_tuple(toTuple(page), takeEvents());
     }
 
     /// Returns (opinions, events).
@@ -171,9 +144,7 @@ public:
         const LayerId layer = orRaise(parseLayerId(name));
         const auto found = orRaise(
             work("blame", true, [&](Client& live) { return live.blame(layer, path, below); }));
-        nb::list opinions;
-        for (const auto& one : found.opinions) opinions.append(toDictionary(one));
-        return nb::make_tuple(opinions, takeEvents());
+        return nb::make_tuple(toDictionaries(found), takeEvents());
     }
 
     /// A player. Its calls are calls of the connection, too: a close() within one waits for its
@@ -301,15 +272,8 @@ public:
     }
     /// `type` as in PROTOCOL.md, "createCheckpoint".
     std::uint64_t request(const std::string& type, const nb::dict& fields) {
-        std::optional<AnyRequest> found;
-        forEachRequest([&](auto request) {
-            if (type == request.kType) {
-                setFields(request, fields);
-                found = std::move(request);
-            }
-        });
-        if (!found) raise({ErrorCode::InvalidArgument, "there is no request '" + type + "'"});
-        return client(pythonName(type).c_str()).request(*std::move(found));
+        auto request = requestFrom(type, fields);
+        return client(pythonName(type).c_str()).request(std::move(request));
     }
 
     void setGloballyMuted(const std::string& root, const std::string& layer, bool muted) {
@@ -335,25 +299,16 @@ public:
         if (!set) raise(set.error());
     }
 
-    std::pair<bool, std::string> mayEdit(const std::string& layer, const std::string& path,
-                                         const std::string& kind) {
-        const auto may =
-            orRaise(client("may_edit").mayEdit(orRaise(parseLayerId(layer)), path, kind));
-        return {may.isAllowed, may.why};
+    nb::tuple mayEdit(const std::string& layer, const std::string& path, const std::string& kind) {
+        const LayerId id = orRaise(parseLayerId(layer));
+        return toTuple(orRaise(client("may_edit").mayEdit(id, path, kind)));
     }
 
-    std::pair<bool, std::string> mayDo(const std::string& action,
-                                       const std::optional<std::string>& layer) {
-        const auto may = orRaise(client("may_do").mayDo(action, LayerId{layer.value_or("")}));
-        return {may.isAllowed, may.why};
+    nb::tuple mayDo(const std::string& action, const std::optional<std::string>& layer) {
+        return toTuple(orRaise(client("may_do").mayDo(action, LayerId{layer.value_or("")})));
     }
 
-    nb::list layerStates() {
-        nb::list states;
-        for (const auto& [layer, state] : client("layer_states").layerStates())
-            states.append(toDictionary(state));
-        return states;
-    }
+    nb::list layerStates() { return toDictionaries(client("layer_states").layerStates()); }
 
     void showPresence(const std::vector<std::string>& selection, const std::vector<double>& camera,
                       std::optional<double> time, const std::string& editTarget,
@@ -503,17 +458,6 @@ NB_MODULE(_usdlive, module) {
             setError(misuse.error);
         }
     });
-    module.def(
-        "join",
-        [](const std::string& invitation) {
-            return orRaise([&] {
-                       nb::gil_scoped_release release;
-                       return parseInvitation(invitation).and_then(fetch::join);
-                   }())
-                .url;
-        },
-        nb::arg("invitation"));
-    module.def("moment", [](const std::string& text) { return orRaise(client::momentOf(text)); });
     nb::class_<PythonClient>(module, "Client")
         .def(nb::init<const std::string&, const std::string&, const std::string&,
                       const std::string&, double, std::uint64_t, bool, const std::string&>(),
@@ -531,7 +475,7 @@ NB_MODULE(_usdlive, module) {
         .def("opened_layer", &PythonClient::openedLayer)
         .def("identifier_of", &PythonClient::identifierOf)
         .def("address_at", &PythonClient::addressAt)
-        .def("read_log", &PythonClient::readLog)
+        .def("log", &PythonClient::readLog)
         .def("blame", &PythonClient::blame)
         .def("create_layer", &PythonClient::createLayer)
         .def("upload", &PythonClient::upload)

@@ -25,29 +25,28 @@ except _OtherOpenUsd as _found:
     _other = str(_found)
 
 from . import events  # noqa: E402
+from ._history import LoggedCommit, Opinion  # noqa: E402
 from ._playhead import Playhead  # noqa: E402
+from ._session import __version__  # noqa: E402
+from ._undo import UndoKept, UndoResult, UndoStack  # noqa: E402
+from ._unsent import UnsentWork  # noqa: E402
+
+__all__ = ["__version__", "Error", "ErrorCode", "LoggedCommit", "Opinion", "Playhead", "UndoKept", "UndoResult", "UndoStack",
+           "UnsentWork", "connect", "events"]
 
 if _other is None:
     from . import plugins
-    from ._history import LoggedCommit, Opinion
     from ._live import Live, connect, connect_async
     from ._namespace import NamespaceEditor
     from ._player import Player
     from ._sessions import Conflict, LiveSession, Merged, Sessions, sessions
-    from ._undo import UndoKept, UndoResult, UndoStack
-    from ._unsent import UnsentWork
-    from ._usdlive import __version__
 
     plugins.register()
 
-    __all__ = ["__version__", "Conflict", "Error", "ErrorCode", "Live", "LiveSession", "LoggedCommit", "Merged",
-               "NamespaceEditor", "Opinion", "Player", "Playhead", "Sessions", "UndoKept", "UndoResult", "UndoStack", "UnsentWork",
-               "connect", "connect_async", "events", "plugins", "sessions"]
+    __all__ += ["Conflict", "Live", "LiveSession", "Merged", "NamespaceEditor", "Player", "Sessions", "connect_async", "plugins",
+                "sessions"]
 else:
-    from ._session import __version__
     from .portable.connecting import connect
-
-    __all__ = ["__version__", "Error", "ErrorCode", "Playhead", "connect", "events"]
 
     def __getattr__(name: str) -> object:
         raise AttributeError(f"usdlive has no {name!r} in this process, which has only the portable backend: {_other}")

@@ -10,10 +10,12 @@ import typing
 import warnings
 import weakref
 
-from pxr import Sdf
+from pxr import Sdf, Usd
 
 from . import events
 from ._errors import Error
+from ._history import LoggedCommit, Moment, Opinion, logged, milliseconds, opinion
+from ._muteness import MutenessOfStage
 from ._playhead import Playhead
 from ._undo import UndoKept, UndoResult, UndoStack
 from ._unsent import UnsentWork
@@ -38,6 +40,7 @@ class Connection(abc.ABC):
         self._client, self._url = client, url
         self._process = os.getpid()
         self._handlers: list[typing.Callable[[events.Event], None]] = []
+        self._followed: list[MutenessOfStage] = []
         self._presence: _Shown | None = None
         self._playhead: Playhead | None = None
         opened.add(self)
@@ -52,6 +55,215 @@ class Connection(abc.ABC):
         """Returns the layers of the project, by path relative to it."""
         return self._client.layers()
 
+    # -- calls that wait
+
+    @abc.abstractmethod
+    def opened_layer(self, layer: str) -> Sdf.Layer | None:
+        """Returns the live layer with all its content; None when it is not open, or still opening."""
+
+    @abc.abstractmethod
+    def flush(self, timeout: float = 10.0) -> bool:
+        """Waits until all own edits are committed."""
+
+    @abc.abstractmethod
+    def _may_wait(self, function: str) -> None:
+        """Raises an Error if the caller must not wait for the server here."""
+
+    @abc.abstractmethod
+    def _call(self, function: str, *arguments: object) -> typing.Any:
+        """Calls a function of the client that waits, after which the layers are up to date, and returns its result."""
+
+    def request(self, request: str, /, **fields: object) -> int:
+        """Sends a request of PROTOCOL.md, for example `live.request("compactHistory", days=30)`, and returns its
+        number. It ends with one event that has this number as `request`: the answer (`events.Answered`, or
+        the class of `events` for it), or an `events.ServerError` (`unsupportedProtocol`: an older server, which does
+        not know the request)."""
+        return self._client.request(request, fields)
+
+    def ask(self, request: str, /, *, timeout: float = 10.0, **fields: object) -> typing.Any:
+        """Sends a request and waits for its answer. Raises an Error: the server's, or `notConnected`."""
+        self._may_wait("ask")
+        return self._answer(self.request(request, **fields), timeout)
+
+    @abc.abstractmethod
+    def _answer(self, request: int, timeout: float) -> typing.Any:
+        """Waits for the answer to a request."""
+
+    # -- files
+
+    def request_save(self, *layers: str, force: bool = False) -> int:
+        """Requests a save of the confirmed state without waiting. Returns a number. The answer is an
+        `events.Saved` or an `events.ServerError` with this number as its `request`."""
+        return self._client.save(list(layers), force)
+
+    def reload(self, *layers: str, timeout: float = 60.0) -> events.Reloaded:
+        """Lets the server commit the content of these layers' files (default: all outdated layers), so that all users get
+        it, and returns the result when this editor shows it. Layers that could not be reloaded are in `failed`. Raises an
+        Error if the request was refused, or if the server did not answer within `timeout` seconds."""
+        self._may_wait("reload")
+        return self._answer(self.request_reload(*layers), timeout)
+
+    def request_reload(self, *layers: str) -> int:
+        """Does the same without waiting. Returns a number. The answer is an `events.Reloaded` or an `events.ServerError`
+        with this number as its `request`."""
+        return self.request("reloadLayers", layers=layers)
+
+    def skipped_files(self, timeout: float = 10.0) -> list[tuple[str, str]]:
+        """Returns the files in the project's folder that look like layers but are not served, as (path,
+        reason); at most 1,000."""
+        return list(self.ask("listSkipped", timeout=timeout).files)
+
+    def _unconfirmed(self, timeout: float) -> str:
+        why = "" if self.connected else f", and {self.other_history or 'there is no connection to the server'}"
+        return f"{self.pending} transactions were not confirmed within {timeout:g} s{why}"
+
+    # -- checkpoints
+
+    def create_checkpoint(self, name: str, timeout: float = 10.0) -> events.Checkpoint:
+        """Gives the present revision, including all own edits, a name. Waits until it is stored. Raises an
+        Error: `checkpointExists` if the name is used."""
+        if not self.flush(timeout):
+            raise Error("notConnected", self._unconfirmed(timeout))
+        return self.ask("createCheckpoint", timeout=timeout, name=name).checkpoint
+
+    def checkpoints(self, timeout: float = 10.0) -> list[events.Checkpoint]:
+        """Returns the checkpoints, by revision."""
+        return list(self.ask("listCheckpoints", timeout=timeout).checkpoints)
+
+    def request_checkpoint(self, name: str) -> int:
+        """Requests a checkpoint of the confirmed state without waiting. Returns a number. The answer is an
+        `events.CheckpointMade` or an `events.ServerError` with this number as its `request`."""
+        return self.request("createCheckpoint", name=name)
+
+    def request_checkpoints(self) -> int:
+        """Requests the checkpoints without waiting. The answer is an `events.CheckpointsListed`."""
+        return self.request("listCheckpoints")
+
+    # -- history
+
+    def log(self, by: str | typing.Iterable[str] = (), since: Moment = None, until: Moment = None, path: str = "",
+            kind: str | typing.Iterable[str] = (), layer: str = "", limit: int | None = None,
+            label: str = "") -> typing.Iterator[LoggedCommit]:
+        """Yields the commits of the past, the newest first, as `usdlive log` finds them:
+
+            for commit in live.log(by="ann", since="2h", layer="shot.usda", path="/World/Chair"):
+                print(commit.revision, commit.user, commit.edits)
+
+        `by`: only commits of these users. `since`, `until`: a text as for the command ("30m", "2026-11-29 14:05"), seconds
+        since 1970, a datetime, or a timedelta for a time before now. `path`: only edits of this spec of `layer` and of
+        everything below it; it is followed through renames into the past. `kind`: only opinions of these kinds, as in
+        `may_edit()`. With a path, a kind or a layer, commits have only the edits that fit. `label`: only commits with this text
+        in their label, in any case. `limit`: the most commits.
+
+        The iterator reads the history in pages, and each page waits for the server. Raises an Error: `invalidArgument` (an
+        argument; a notice handler during `tick()`), `invalidPath`, `layerNotFound`, `notConnected`."""
+        self._may_wait("log")
+        if limit is not None and limit < 0:
+            raise Error("invalidArgument", f"the limit is {limit}: it must be 0 or more")
+        by, kind = ((one,) if isinstance(one, str) else tuple(one) for one in (by, kind))
+        return self._pages({"users": list(by), "kinds": list(kind), "since": milliseconds(since), "until": milliseconds(until),
+                            "layer": layer, "path": path, "label": label}, limit)
+
+    def _pages(self, query: dict, limit: int | None) -> typing.Iterator[LoggedCommit]:
+        left = float("inf") if limit is None else limit
+        before, more = 0, True
+        while more and left > 0:
+            commits, before, query["path"], more = self._call("log", query, before, int(min(left, 500)))
+            yield from map(logged, commits)
+            left -= len(commits)
+
+    def blame(self, layer: str, path: str, below: bool = False) -> list[Opinion]:
+        """Returns who has made the opinions of a spec and its properties, when, and what was there before, as
+        `usdlive blame` does:
+
+            for one in live.blame("shot.usda", "/World/Ball"):
+                print(one.path, one.field, one.value, "by", one.user, "was", one.before)
+
+        `path` is a prim or property, or one and a field ("/World/Ball.radius.timeSamples"), which is looked at part by part.
+        With `below`, also everything below the spec. Own edits count when they are committed. What was there before is
+        known for the opinions of the newest 20 commits. Waits for the server. Raises an Error: `layerNotFound`,
+        `specNotFound`, `notConnected`, `invalidArgument` (a notice handler during `tick()`)."""
+        return [opinion(one) for one in self._call("blame", layer, path, below)]
+
+    # -- locks, mutes and rights
+
+    def lock(self, layer: str) -> None:
+        """Locks a live layer in one's own name. The server then refuses edits and saves of the layer by others.
+        Sent with the next tick; refused (`events.Lost`, code `locked`) if somebody else has locked it. While it
+        is locked, the layer's `permissionToEdit` is False for others except administrators, so their writes
+        raise an error in `pxr`."""
+        self._may_wait("lock")
+        self._edit("set_locked", layer, True)
+
+    def unlock(self, layer: str) -> None:
+        """Removes the lock. Allowed for its holder, for administrators, and for others while the holder is
+        away."""
+        self._may_wait("unlock")
+        self._edit("set_locked", layer, False)
+
+    def mute(self, root: str, layer: str) -> None:
+        """Mutes a layer for everybody on the stages with the root layer `root`, which must be live. Stored in
+        the root layer, as Kit does. Raises an Error if the project has no such layer."""
+        self._may_wait("mute")
+        self._edit("set_globally_muted", root, layer, True)
+
+    def unmute(self, root: str, layer: str) -> None:
+        self._may_wait("unmute")
+        self._edit("set_globally_muted", root, layer, False)
+
+    @abc.abstractmethod
+    def _edit(self, function: str, *arguments: object) -> None:
+        """Calls a function of the client that edits the root of a layer."""
+
+    def globally_muted(self, root: str) -> list[str]:
+        """Returns the layers that are muted for everybody on the stages of this root layer, which must be live."""
+        if self.opened_layer(root) is None:
+            raise Error("layerNotOpen", f"{root} is not open here")
+        return self._client.globally_muted(root)
+
+    def _follow(self, stage: Usd.Stage, root: str) -> None:
+        self._unfollow(stage)
+        self._followed.append(MutenessOfStage(stage, root))
+        self._update_muteness()
+
+    def _unfollow(self, stage: Usd.Stage) -> None:
+        """Stops updating the stage's muteness, because omni.kit.usd.layers does it by its scope."""
+        self._followed = [one for one in self._followed if one.stage() != stage]
+
+    def _update_muteness(self) -> None:
+        self._followed = [one for one in self._followed if one.update(self._client, self._identifier_on, self.without_waiting)]
+
+    @abc.abstractmethod
+    def _identifier_on(self, layer: str, root: str) -> str:
+        """The identifier that a layer of the project has on stages with this root layer."""
+
+    @abc.abstractmethod
+    def without_waiting(self, compose: typing.Callable[[], object]) -> None:
+        """Calls a function that lets stages compose something, which waits for nothing."""
+
+    def layer_states(self) -> dict[str, events.LayerState]:
+        """Returns the states by layer. Layers without a known state are left out."""
+        return {d["layer"]: events.LayerState(**d) for d in self._client.layer_states()}
+
+    def may_edit(self, layer: str, path: str = "/", kind: str | None = None) -> events.Permission:
+        """Returns whether this user may write opinions of a kind at a prim or property now, by role, access rules and
+        the layer's lock, so that an editor can grey out what is refused. Asks nobody and does not wait. `kind` is one of
+        "transform", "geometry", "shading", "animation", "variants", "composition", "schema", "metadata", "namespace"
+        and "property"; None means any one of them. After an `events.RightsChanged` or `events.LayerStatesChanged` the
+        answer may be another one. Raises an Error for another kind, for a layer that the project does not have, and while
+        the project is not known."""
+        return events.Permission(*self._client.may_edit(layer, path, kind or ""))
+
+    def may_do(self, action: str, layer: str | None = None) -> events.Permission:
+        """Returns whether this user may do something else than edit now, by role, access rules and the layer's lock.
+        Asks nobody and does not wait. `action` is "save", "reload", "lock", "takeOver" (end the lock of somebody else),
+        "mute" (for everybody, in a root layer), "upload" (`layer` is a file of the project), "createLayer",
+        "checkpoint" or "compact"; the last two concern the project, and there is no `layer`. After an
+        `events.RightsChanged` or `events.LayerStatesChanged` the answer may be another one. Raises an Error for another
+        action, for a layer that the project does not have (except for "upload" and "createLayer"), and while the project
+        is not known."""
+        return events.Permission(*self._client.may_do(action, layer))
+
     # -- undo
 
     def undo(self) -> UndoResult:
@@ -59,15 +271,11 @@ class Connection(abc.ABC):
         layers. Edits since the last tick are a step of their own. The stage shows the result at once. What others have
         written since stays, and is in the result's `kept`. The result is false if there is no step. Raises an Error while
         a gesture or a group is open."""
-        return _undo_result(self._take_back("undo"))
+        return _undo_result(self._call("undo"))
 
     def redo(self) -> UndoResult:
         """Takes back the newest undo, in the same way. Own edits in between end what can be redone."""
-        return _undo_result(self._take_back("redo"))
-
-    @abc.abstractmethod
-    def _take_back(self, undo_or_redo: str) -> dict:
-        """Calls a function of the client, after which the layers are up to date, and returns its result."""
+        return _undo_result(self._call("redo"))
 
     def undo_stack(self) -> UndoStack:
         """Returns the labels of the steps that can be undone and redone."""

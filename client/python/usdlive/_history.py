@@ -8,7 +8,7 @@ import json
 import numbers
 import typing
 
-from . import _usdlive, events
+from . import _session, events
 from ._errors import Error
 
 
@@ -67,7 +67,7 @@ def milliseconds(moment: Moment) -> int | None:
     if moment is None:
         return None
     if isinstance(moment, str):
-        return _usdlive.moment(moment)
+        return _session.moment(moment)
     if isinstance(moment, datetime.timedelta):
         moment = datetime.datetime.now().astimezone() - moment
     if isinstance(moment, datetime.datetime):

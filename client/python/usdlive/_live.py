@@ -8,7 +8,6 @@ import os
 import time
 import typing
 import warnings
-import weakref
 
 from pxr import Sdf, Usd
 
@@ -16,10 +15,10 @@ from . import _usdlive, events
 from ._connection import Connection
 from ._errors import Error
 from ._foreign_files import ForeignFiles
-from ._history import LoggedCommit, Moment, Opinion, logged, milliseconds, opinion
 from ._past import ReadOnly, open_at
 from ._player import Player
 from .portable.connecting import connect as connect_portable
+from .portable.connecting import joined
 
 
 def connect(url: str, *, user: str = "", application: str = "python", cache_folder: str = "",
@@ -48,8 +47,7 @@ def connect(url: str, *, user: str = "", application: str = "python", cache_fold
     if backend not in (None, "fast"):
         return typing.cast(Live, connect_portable(url, user=user, application=application, cache_folder=cache_folder,
                                                   timeout=timeout, cache_mib=cache_mib, token=token, backend=backend))
-    if url.strip().startswith("usdlive-invitation://"):
-        url = _usdlive.join(url)
+    url = joined(url)
     client = _usdlive.Client(url, user, application, os.fspath(cache_folder), timeout * 1000.0, cache_mib << 20,
                              addresses, token)
     _warn_once(client.files_problem())
@@ -93,29 +91,6 @@ def _warn_once(problem: str | None) -> None:
         warnings.warn(problem, RuntimeWarning, stacklevel=3)
 
 
-class _MutenessOfStage:
-    """Mutes on one stage the layers that are muted for everybody. Layers that the user mutes or unmutes on this
-    stage keep their state until the shared state changes."""
-
-    def __init__(self, stage: Usd.Stage, root: str):
-        self.stage = weakref.ref(stage)
-        self._root = root
-        self._muted: frozenset[str] = frozenset()
-
-    def update(self, client: "_usdlive.Client") -> bool:
-        """Returns False if the stage does not exist any more."""
-        stage = self.stage()
-        if stage is None:
-            return False
-        muted = frozenset(client.globally_muted(self._root))
-        if muted != self._muted:
-            before, self._muted = self._muted, muted
-            root = stage.GetRootLayer().identifier
-            changes = [[client.identifier_of(layer, root) for layer in sorted(one)] for one in (muted - before, before - muted)]
-            client.without_waiting(lambda: stage.MuteAndUnmuteLayers(*changes))
-        return True
-
-
 class Live(Connection):
     """A live project. Use it on the thread that owns the stage, and call `tick()` once per frame."""
 
@@ -126,7 +101,6 @@ class Live(Connection):
         self._user = user
         # Handlers of calls that wait for an answer.
         self._answered: list[typing.Callable[[events.Event], None]] = []
-        self._followed: list[_MutenessOfStage] = []
         self._foreign_files: list[ForeignFiles] = []
         self._past: list[ReadOnly] = []
         # Events for which handlers were not called yet.
@@ -216,11 +190,6 @@ class Live(Connection):
         meanwhile if it takes long. Uploads are done one after the other."""
         return self._client.request_upload(os.fsencode(file), _file_name(path), overwrite)
 
-    def skipped_files(self, timeout: float = 10.0) -> list[tuple[str, str]]:
-        """Returns the files in the project's folder that look like layers but are not served, as (path,
-        reason); at most 1,000."""
-        return list(self.ask("listSkipped", timeout=timeout).files)
-
     def open_stage(self, layer: str, load: "Usd.Stage.InitialLoadSet" = Usd.Stage.LoadAll,
                    follow_muteness: bool = True, *, at: int | str | None = None) -> Usd.Stage:
         """Opens a `Usd.Stage` on a layer of the project; its layers are live. With `LoadNone`, layers used only
@@ -308,19 +277,10 @@ class Live(Connection):
             self._follow(stage, root)
         return attached
 
-    def _follow(self, stage: Usd.Stage, root: str) -> None:
-        self._unfollow(stage)
-        self._followed.append(_MutenessOfStage(stage, root))
-        self._followed[-1].update(self._client)
-
-    def _unfollow(self, stage: Usd.Stage) -> None:
-        """Stops updating the stage's muteness, because omni.kit.usd.layers does it by its scope."""
-        self._followed = [one for one in self._followed if one.stage() != stage]
-
     def _update_stages(self) -> None:
         if self._client.closed:  # by a notice handler
             return
-        self._followed = [one for one in self._followed if one.update(self._client)]
+        self._update_muteness()
         self._foreign_files = [one for one in self._foreign_files if one.update()]
 
     def _project_folder(self, root: Sdf.Layer) -> str:
@@ -380,6 +340,9 @@ class Live(Connection):
         _, more, happened = self._client.tick(budget_ms)
         return self._notify(happened, start + budget_ms / 1000) or more
 
+    def _identifier_on(self, layer: str, root: str) -> str:
+        return self._client.identifier_of(layer, root)
+
     def without_waiting(self, compose: typing.Callable[[], object]) -> None:
         """Calls a function of yours within a frame that lets stages compose something, for example
         `live.without_waiting(lambda: stage.UnmuteLayer(layer))`. As in `tick()`, packages and value clips that have to
@@ -399,10 +362,16 @@ class Live(Connection):
     def end_gesture(self) -> None:
         self._client.end_gesture()
 
-    def _take_back(self, undo_or_redo: str) -> dict:
-        result, happened = getattr(self._client, undo_or_redo)()
+    def _call(self, function: str, *arguments: object) -> typing.Any:
+        result, happened = getattr(self._client, function)(*arguments)
         self._notify(happened)
         return result
+
+    def _may_wait(self, function: str) -> None:
+        self._client.may_wait(function)
+
+    def _edit(self, function: str, *arguments: object) -> None:
+        getattr(self._client, function)(*arguments)
 
     def save(self, *layers: str, force: bool = False, timeout: float = 60.0) -> events.Saved:
         """Commits all own edits, writes these layers (default: all changed layers) to their files, and returns
@@ -415,112 +384,6 @@ class Live(Connection):
             raise Error("notConnected", f"nothing was saved: {self._unconfirmed(timeout)}")
         left = max(0.0, end - time.monotonic())
         return self._answer(self.request_save(*layers, force=force), left)
-
-    def request_save(self, *layers: str, force: bool = False) -> int:
-        """Requests a save of the confirmed state without waiting. Returns a number. The answer is an
-        `events.Saved` or an `events.ServerError` with this number as its `request`."""
-        return self._client.save(list(layers), force)
-
-    def reload(self, *layers: str, timeout: float = 60.0) -> events.Reloaded:
-        """Lets the server commit the content of these layers' files (default: all outdated layers), so that all users get
-        it, and returns the result when this editor shows it. Layers that could not be reloaded are in `failed`. Raises an
-        Error if the request was refused, or if the server did not answer within `timeout` seconds."""
-        self._client.may_wait("reload")
-        return self._answer(self.request_reload(*layers), timeout)
-
-    def request_reload(self, *layers: str) -> int:
-        """Does the same without waiting. Returns a number. The answer is an `events.Reloaded` or an `events.ServerError`
-        with this number as its `request`."""
-        return self.request("reloadLayers", layers=layers)
-
-    def _unconfirmed(self, timeout: float) -> str:
-        why = "" if self.connected else f", and {self.other_history or 'there is no connection to the server'}"
-        return f"{self.pending} transactions were not confirmed within {timeout:g} s{why}"
-
-    # -- checkpoints
-
-    def create_checkpoint(self, name: str, timeout: float = 10.0) -> events.Checkpoint:
-        """Gives the present revision, including all own edits, a name. Waits until it is stored. Raises an
-        Error: `checkpointExists` if the name is used."""
-        if not self.flush(timeout):
-            raise Error("notConnected", self._unconfirmed(timeout))
-        return self.ask("createCheckpoint", timeout=timeout, name=name).checkpoint
-
-    def checkpoints(self, timeout: float = 10.0) -> list[events.Checkpoint]:
-        """Returns the checkpoints, by revision."""
-        return list(self.ask("listCheckpoints", timeout=timeout).checkpoints)
-
-    def request_checkpoint(self, name: str) -> int:
-        """Requests a checkpoint of the confirmed state without waiting. Returns a number. The answer is an
-        `events.CheckpointMade` or an `events.ServerError` with this number as its `request`."""
-        return self.request("createCheckpoint", name=name)
-
-    def request_checkpoints(self) -> int:
-        """Requests the checkpoints without waiting. The answer is an `events.CheckpointsListed`."""
-        return self.request("listCheckpoints")
-
-    # -- history
-
-    def log(self, by: str | typing.Iterable[str] = (), since: Moment = None, until: Moment = None, path: str = "",
-            kind: str | typing.Iterable[str] = (), layer: str = "", limit: int | None = None,
-            label: str = "") -> typing.Iterator[LoggedCommit]:
-        """Yields the commits of the past, the newest first, as `usdlive log` finds them:
-
-            for commit in live.log(by="ann", since="2h", layer="shot.usda", path="/World/Chair"):
-                print(commit.revision, commit.user, commit.edits)
-
-        `by`: only commits of these users. `since`, `until`: a text as for the command ("30m", "2026-11-29 14:05"), seconds
-        since 1970, a datetime, or a timedelta for a time before now. `path`: only edits of this spec of `layer` and of
-        everything below it; it is followed through renames into the past. `kind`: only opinions of these kinds, as in
-        `may_edit()`. With a path, a kind or a layer, commits have only the edits that fit. `label`: only commits with this text
-        in their label, in any case. `limit`: the most commits.
-
-        The iterator reads the history in pages, and each page waits for the server. Raises an Error: `invalidArgument` (an
-        argument; a notice handler during `tick()`), `invalidPath`, `layerNotFound`, `notConnected`."""
-        self._client.may_wait("log")
-        if limit is not None and limit < 0:
-            raise Error("invalidArgument", f"the limit is {limit}: it must be 0 or more")
-        by, kind = ((one,) if isinstance(one, str) else tuple(one) for one in (by, kind))
-        return self._pages({"users": list(by), "kinds": list(kind), "since": milliseconds(since), "until": milliseconds(until),
-                            "layer": layer, "path": path, "label": label}, limit)
-
-    def _pages(self, query: dict, limit: int | None) -> typing.Iterator[LoggedCommit]:
-        left = float("inf") if limit is None else limit
-        before, more = 0, True
-        while more and left > 0:
-            commits, before, query["path"], more, happened = self._client.read_log(query, before, int(min(left, 500)))
-            self._notify(happened)
-            yield from map(logged, commits)
-            left -= len(commits)
-
-    def blame(self, layer: str, path: str, below: bool = False) -> list[Opinion]:
-        """Returns who has made the opinions of a spec and its properties, when, and what was there before, as
-        `usdlive blame` does:
-
-            for one in live.blame("shot.usda", "/World/Ball"):
-                print(one.path, one.field, one.value, "by", one.user, "was", one.before)
-
-        `path` is a prim or property, or one and a field ("/World/Ball.radius.timeSamples"), which is looked at part by part.
-        With `below`, also everything below the spec. Own edits count when they are committed. What was there before is
-        known for the opinions of the newest 20 commits. Waits for the server. Raises an Error: `layerNotFound`,
-        `specNotFound`, `notConnected`, `invalidArgument` (a notice handler during `tick()`)."""
-        found, happened = self._client.blame(layer, path, below)
-        self._notify(happened)
-        return [opinion(one) for one in found]
-
-    # -- requests
-
-    def request(self, request: str, /, **fields: object) -> int:
-        """Sends a request of PROTOCOL.md, for example `live.request("compactHistory", days=30)`, and returns its
-        number. It ends with one event that has this number as `request`: the answer (`events.Answered`, or
-        the class of `events` for it), or an `events.ServerError` (`unsupportedProtocol`: an older server, which does
-        not know the request)."""
-        return self._client.request(request, fields)
-
-    def ask(self, request: str, /, *, timeout: float = 10.0, **fields: object) -> typing.Any:
-        """Sends a request and waits for its answer. Raises an Error: the server's, or `notConnected`."""
-        self._client.may_wait("ask")
-        return self._answer(self.request(request, **fields), timeout)
 
     def _answer(self, request: int, timeout: float) -> typing.Any:
         answers: list[events.Event] = []
@@ -539,37 +402,7 @@ class Live(Connection):
             raise Error(answers[0].code, answers[0].message)
         return answers[0]
 
-    # -- locks, states and people
-
-    def lock(self, layer: str) -> None:
-        """Locks a live layer in one's own name. The server then refuses edits and saves of the layer by others.
-        Sent with the next tick; refused (`events.Lost`, code `locked`) if somebody else has locked it. While it
-        is locked, the layer's `permissionToEdit` is False for others except administrators, so their writes
-        raise an error in `pxr`."""
-        self._client.set_locked(layer, True)
-
-    def unlock(self, layer: str) -> None:
-        """Removes the lock. Allowed for its holder, for administrators, and for others while the holder is
-        away."""
-        self._client.set_locked(layer, False)
-
-    def mute(self, root: str, layer: str) -> None:
-        """Mutes a layer for everybody on the stages with the root layer `root`, which must be live. Stored in
-        the root layer, as Kit does. Raises an Error if the project has no such layer."""
-        self._client.set_globally_muted(root, layer, True)
-
-    def unmute(self, root: str, layer: str) -> None:
-        self._client.set_globally_muted(root, layer, False)
-
-    def globally_muted(self, root: str) -> list[str]:
-        """Returns the layers that are muted for everybody on the stages of this root layer, which must be live."""
-        if self._client.opened_layer(root) is None:
-            raise Error("layerNotOpen", f"{root} is not open here")
-        return self._client.globally_muted(root)
-
-    def layer_states(self) -> dict[str, events.LayerState]:
-        """Returns the states by layer. Layers without a known state are left out."""
-        return {d["layer"]: events.LayerState(**d) for d in self._client.layer_states()}
+    # -- lost work
 
     def _unsent_as_layer(self, work: str, layer: str) -> Sdf.Layer:
         return _held(self._client.unsent_as_layer(work, layer))
@@ -625,25 +458,6 @@ class Live(Connection):
         return bool(self._undelivered)
 
     # -- state
-
-    def may_edit(self, layer: str, path: str = "/", kind: str | None = None) -> events.Permission:
-        """Returns whether this user may write opinions of a kind at a prim or property now, by role, access rules and
-        the layer's lock, so that an editor can grey out what is refused. Asks nobody and does not wait. `kind` is one of
-        "transform", "geometry", "shading", "animation", "variants", "composition", "schema", "metadata", "namespace"
-        and "property"; None means any one of them. After an `events.RightsChanged` or `events.LayerStatesChanged` the
-        answer may be another one. Raises an Error for another kind, for a layer that the project does not have, and while
-        the project is not known."""
-        return events.Permission(*self._client.may_edit(layer, path, kind or ""))
-
-    def may_do(self, action: str, layer: str | None = None) -> events.Permission:
-        """Returns whether this user may do something else than edit now, by role, access rules and the layer's lock.
-        Asks nobody and does not wait. `action` is "save", "reload", "lock", "takeOver" (end the lock of somebody else),
-        "mute" (for everybody, in a root layer), "upload" (`layer` is a file of the project), "createLayer",
-        "checkpoint" or "compact"; the last two concern the project, and there is no `layer`. After an
-        `events.RightsChanged` or `events.LayerStatesChanged` the answer may be another one. Raises an Error for another
-        action, for a layer that the project does not have (except for "upload" and "createLayer"), and while the project
-        is not known."""
-        return events.Permission(*self._client.may_do(action, layer))
 
     def close(self, timeout: float = 5.0) -> events.Unsent | None:
         """Leaves the project when all own edits are committed, or after `timeout` seconds. Returns None, or the

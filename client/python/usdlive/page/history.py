@@ -30,8 +30,7 @@ class Reader(Owner):
     def log(self, query: dict, before: int, limit: int) -> dict:
         """The newest commits first."""
         limit = max(1, min(limit, MOST_COMMITS))
-        commits, _, _, more, happened = self.live._client.read_log(query, before, limit)
-        self.live._notify(happened)
+        commits, _, _, more = self.live._call("log", query, before, limit)
         return {"commits": [_commit(logged(one)) for one in commits], "more": bool(more)}
 
     def blame(self, layer: str, path: str, below: bool = False) -> list[dict]:

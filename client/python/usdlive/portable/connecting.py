@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from .. import _session
 from .._openusd import check
 from .live import PortableLive
 
@@ -13,8 +14,13 @@ def connect(url: str, *, user: str = "", application: str = "python", cache_fold
     if backend == "fast":
         check()
     check_backend(backend)
-    return PortableLive(url, user=user, application=application, cache_folder=cache_folder, timeout=timeout,
+    return PortableLive(joined(url), user=user, application=application, cache_folder=cache_folder, timeout=timeout,
                         cache_mib=cache_mib, token=token)
+
+
+def joined(url: str) -> str:
+    """Exchanges an invitation for a token, and returns the address of the server; another address as it is."""
+    return _session.join(url) if url.strip().startswith("usdlive-invitation://") else url
 
 
 def check_backend(backend: str | None) -> None:

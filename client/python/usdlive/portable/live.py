@@ -33,6 +33,11 @@ class NotInPortable(Error, AttributeError):
     """The portable backend does not have this part of the API."""
 
 
+def _not_here(name: str) -> NotInPortable:
+    return NotInPortable("unsupportedValue", f"the portable backend of usdlive has no {name!r} yet. Use the fast one, in a process "
+                                             "with the usd-core for which usdlive was built, or the command usdlive")
+
+
 class _LiveLayer:
     """A live layer, and where the editor has perhaps written in it."""
 
@@ -43,10 +48,37 @@ class _LiveLayer:
         self.named: set[str] = set()  # the files that it uses, relative to the project
         self.hints: set[str] = set()  # paths of prims and variants that stages have seen a change of
         self.sweep: typing.Iterator[list[str]] | None = None  # the comparison of all, in slices
+        self._open, self._permitted = False, True  # for edits: by the server, by the editor itself
         layer.SetPermissionToEdit(False)
 
     def written(self) -> None:
         self.dirty = True
+
+    def permit(self, may_write: bool) -> None:
+        """Closes the layer to edits, or opens it if the editor has not closed it itself."""
+        if may_write == self._open:
+            return
+        self._keep_setting()
+        self._open = may_write
+        self._restore_setting()
+
+    @contextlib.contextmanager
+    def writable(self) -> typing.Iterator[None]:
+        """Permits writes of the content of the project."""
+        self._keep_setting()
+        self.layer.SetPermissionToEdit(True)
+        try:
+            yield
+        finally:
+            self._restore_setting()
+
+    def _keep_setting(self) -> None:
+        # A muted layer never permits edits, so the editor's own setting is unknown.
+        if self._open:
+            self._permitted = self.layer.IsMuted() or self.layer.permissionToEdit
+
+    def _restore_setting(self) -> None:
+        self.layer.SetPermissionToEdit(self._open and self._permitted)
 
     def end(self) -> None:
         self.layer.SetPermissionToEdit(False)
@@ -103,6 +135,16 @@ class _Notices:
         for key in self._keys:
             key.Revoke()
 
+    @contextlib.contextmanager
+    def apply(self, live: _LiveLayer) -> typing.Iterator[None]:
+        """While the content of the project is written into a layer, its notices are no edits, and it may be written."""
+        self.applying = True
+        try:
+            with live.writable():
+                yield
+        finally:
+            self.applying = False
+
     def _layers_changed(self, notice: Sdf.Notice.LayersDidChange, _: object) -> None:
         if self.applying:
             return
@@ -132,7 +174,7 @@ class _Notices:
 class PortableLive(Connection):
     """A live project. Use it on the thread that owns the stage, and call `tick()` once per frame.
 
-    It has the plain part of the API of `usdlive.Live`, with the same meaning. The rest raises an Error
+    It has the part of the API of `usdlive.Live` that docs/embedding.md lists, with the same meaning. The rest raises an Error
     (`unsupportedValue`) that says so. Layers are files without content in the cache folder; no other file of the project
     is found."""
 
@@ -154,8 +196,7 @@ class PortableLive(Connection):
         self._gestures = 0  # open ones, each inside the one before
 
     def __getattr__(self, name: str) -> typing.NoReturn:
-        raise NotInPortable("unsupportedValue", f"the portable backend of usdlive has no {name!r} yet. Use the fast one, in a "
-                                                "process with the usd-core for which usdlive was built, or the command usdlive")
+        raise _not_here(name)
 
     # -- layers and stages
 
@@ -165,6 +206,7 @@ class PortableLive(Connection):
 
     def open_layer(self, layer: str) -> Sdf.Layer:
         """Opens a layer of the project live, with all layers of the project that it uses. Blocks until it has arrived."""
+        self._may_wait("open_layer")
         self._open(layer)
         try:
             self._wait(lambda: layer in self._failed or self._is_whole(layer, set()), f"{layer} did not arrive")
@@ -179,20 +221,29 @@ class PortableLive(Connection):
 
     def opened_layer(self, layer: str) -> Sdf.Layer | None:
         """The live layer with all its content; None when it is not open, or still opening."""
+        self._client.check_caller("opened_layer")
         live = self._layers.get(layer)
         return live.layer if live is not None and live.filled else None
 
-    def open_stage(self, layer: str) -> Usd.Stage:
-        """Opens a `Usd.Stage` on a layer of the project; its layers are live. Keep this object as long as you edit it."""
-        return Usd.Stage.Open(self.open_layer(layer))
+    def open_stage(self, layer: str, load: Usd.Stage.InitialLoadSet = Usd.Stage.LoadAll, follow_muteness: bool = True, *,
+                   at: int | str | None = None) -> Usd.Stage:
+        """Opens a `Usd.Stage` on a layer of the project; its layers are live. With `follow_muteness`, layers that are muted
+        for everybody (`mute`) are muted on this stage. Keep this object as long as you edit it."""
+        if at is not None:
+            raise _not_here("open_stage(at=)")
+        stage = Usd.Stage.Open(self.open_layer(layer), load)
+        if follow_muteness:
+            self._follow(stage, layer)
+        return stage
 
     def create_layer(self, layer: str) -> Sdf.Layer:
         """Creates a new, empty layer of the project for all users, and opens it."""
-        self._answer(self._client.create_layer(layer), _SILENCE)
+        self.ask("createLayer", timeout=_SILENCE, layer=layer)
         return self.open_layer(layer)
 
     def close_layer(self, layer: str) -> None:
         """Ends the live connection of the layer, which keeps its content and refuses edits from then on."""
+        self._client.check_caller("close_layer")
         if layer not in self._layers:
             raise Error("layerNotOpen", f"{layer} is not open")
         self._forget(layer)
@@ -218,6 +269,7 @@ class PortableLive(Connection):
             happened = self._take_events()
             for live in list(self._layers.values()):
                 self._apply(live)
+            self._update_muteness()
         finally:
             self._ticking = False
         self._notify(happened)
@@ -239,39 +291,50 @@ class PortableLive(Connection):
 
     def flush(self, timeout: float = 10.0) -> bool:
         """Calls `tick()` until all own edits are committed. Returns False after `timeout` seconds."""
+        self._may_wait("flush")
         self._tick(4.0, math.inf)
         return self.wait(lambda: self.pending == 0, timeout)
 
     def begin_gesture(self) -> None:
-        self._may_wait()
+        self._may_wait("begin_gesture")
         self._gestures += 1
         if self._gestures == 1:
             self._tick(0.0, _SEAL)  # earlier writes do not belong to it
             self._client.begin_gesture()
 
     def end_gesture(self) -> None:
-        self._may_wait()
+        self._may_wait("end_gesture")
         if self._gestures == 1:
             self._tick(0.0, _SEAL)
             self._client.end_gesture()
         self._gestures = max(0, self._gestures - 1)
 
+    def _edit(self, function: str, *arguments: object) -> None:
+        self._call(function, *arguments)
+
+    def _identifier_on(self, layer: str, root: str) -> str:
+        return self.identifier(layer)
+
+    def without_waiting(self, compose: typing.Callable[[], object]) -> None:
+        """Calls a function of yours that lets stages compose something. With this backend, nothing waits for the server then."""
+        compose()
+
     def _seal(self) -> None:
         if not self._ticking:
             self._capture(_SEAL)
 
-    def _take_back(self, undo_or_redo: str) -> dict:
-        self._may_wait()
-        results: list[dict] = []
+    def _call(self, function: str, *arguments: object) -> typing.Any:
+        self._may_wait(function)
+        results: list[object] = []
         refused: list[Error] = []
 
-        def take_back() -> None:
+        def call() -> None:
             try:
-                results.append(getattr(self._client, undo_or_redo)())
+                results.append(getattr(self._client, function)(*arguments))
             except Error as error:
                 refused.append(error)
 
-        self._tick(0.0, _SEAL, call=take_back)
+        self._tick(0.0, _SEAL, call)
         if refused:
             raise refused[0]
         return results[0]
@@ -289,10 +352,15 @@ class PortableLive(Connection):
     def save(self, *layers: str, force: bool = False, timeout: float = 60.0) -> events.Saved:
         """Commits all own edits, writes these layers (default: all changed layers) to their files, and returns the result.
         A file that somebody else has changed is not overwritten unless `force`."""
+        self._may_wait("save")
         end = time.monotonic() + timeout
         if not self.flush(timeout):
-            raise Error("notConnected", f"nothing was saved: the server has not confirmed all edits within {timeout:g} seconds")
-        return typing.cast(events.Saved, self._answer(self._client.save(list(layers), force), end - time.monotonic()))
+            raise Error("notConnected", f"nothing was saved: {self._unconfirmed(timeout)}")
+        return self._answer(self.request_save(*layers, force=force), end - time.monotonic())
+
+    def request_save(self, *layers: str, force: bool = False) -> int:
+        self._tick(0.0, _SEAL)  # earlier writes are saved, too
+        return super().request_save(*layers, force=force)
 
     # -- unsent and lost work
 
@@ -311,7 +379,7 @@ class PortableLive(Connection):
         it, with any backend. Layers keep their content and refuse edits."""
         if self.closed:
             return None
-        self._may_wait()
+        self._may_wait("close")
         self._gestures = min(self._gestures, 1)
         self.end_gesture()
         self.flush(timeout)
@@ -404,17 +472,17 @@ class PortableLive(Connection):
 
     # -- waiting
 
-    def _may_wait(self) -> None:
+    def _may_wait(self, function: str) -> None:
+        self._client.check_caller(function)
         if self._ticking:
-            raise Error("invalidArgument", "a call that waits for the server was made by a notice handler during tick(). Make "
-                                           "it after tick() has returned")
+            raise Error("invalidArgument", f"{function}() waits for the server and was called by a notice handler while tick() "
+                                           "applies edits. Call it after tick() has returned")
 
     def _wait(self, condition: typing.Callable[[], bool], what: str, timeout: float = _SILENCE) -> None:
-        self._may_wait()
         if not self.wait(condition, timeout):
             raise Error("notConnected", f"{what}: the server at {self._url} did not answer within {timeout:g} seconds")
 
-    def _answer(self, request: int, timeout: float) -> events.Event:
+    def _answer(self, request: int, timeout: float) -> typing.Any:
         self._answers[request] = None
         try:
             self._wait(lambda: self._answers[request] is not None, "there is no answer", timeout)
@@ -423,7 +491,7 @@ class PortableLive(Connection):
             del self._answers[request]
         if isinstance(answer, events.ServerError):
             raise Error(answer.code, answer.message)
-        return typing.cast(events.Event, answer)
+        return answer
 
     def _note(self, event: events.Event) -> None:
         request = getattr(event, "request", None)
@@ -437,10 +505,10 @@ class PortableLive(Connection):
             self._make_places(event.added)
             for live in list(self._layers.values()):
                 self._open_used(live.named.intersection(event.added))
-        if isinstance(event, (events.Connected, events.RightsChanged)):
+        if isinstance(event, (events.Connected, events.RightsChanged, events.LayerStatesChanged)):
             for live in self._layers.values():
                 if live.filled:
-                    live.layer.SetPermissionToEdit(self._client.may_write(live.name))
+                    live.permit(self._client.may_write(live.name))
 
     # -- what the editor wrote
 
@@ -488,7 +556,7 @@ class PortableLive(Connection):
             self._revert(live, refused)
 
     def _revert(self, live: _LiveLayer, refused: typing.Iterable[tuple[str, str]]) -> None:
-        with _Applying(live, self._notices):
+        with self._notices.apply(live):
             for path, field in refused:
                 spec = object_at(live.layer, path)
                 if spec is not None:
@@ -505,7 +573,7 @@ class PortableLive(Connection):
         # Before OpenUSD looks for them.
         self._name(live, set().union(*(assets_of({change[2]: change[3]}) for change in changes
                                        if change[0] == "field" and change[3] is not None)))
-        with _Applying(live, self._notices):
+        with self._notices.apply(live):
             _write_changes(live, changes)
 
     def _fill(self, live: _LiveLayer) -> None:
@@ -514,12 +582,12 @@ class PortableLive(Connection):
         scratch, assets = _layer_of(content, os.path.splitext(live.name)[1], live.memory)
         live.size = len(content)
         self._name(live, assets)
-        with _Applying(live, self._notices):
+        with self._notices.apply(live):
             live.layer.TransferContent(scratch)
         live.filled, live.dirty = True, False
         live.end_sweep()
         live.hints.clear()
-        live.layer.SetPermissionToEdit(self._client.may_write(live.name))
+        live.permit(self._client.may_write(live.name))
 
 
 @functools.cache
@@ -549,22 +617,6 @@ def _name_of_type(data: bytes) -> str:
         return str(Sdf.GetValueTypeNameForValue(values.decode(data)))
     except (values.Unsupported, Tf.ErrorException):
         return ""
-
-
-class _Applying:
-    """While the content of the project is written into a layer, its notices are no edits, and it may be written."""
-
-    def __init__(self, live: _LiveLayer, notices: _Notices):
-        self._live, self._notices = live, notices
-
-    def __enter__(self) -> None:
-        self._notices.applying = True
-        self._permitted = self._live.layer.permissionToEdit
-        self._live.layer.SetPermissionToEdit(True)
-
-    def __exit__(self, *_: object) -> None:
-        self._live.layer.SetPermissionToEdit(self._permitted)
-        self._notices.applying = False
 
 
 def _type_first(changes: list[tuple]) -> list[tuple]:
