@@ -242,10 +242,13 @@ class PortableLive(Connection):
         return self.open_layer(layer)
 
     def close_layer(self, layer: str) -> None:
-        """Ends the live connection of the layer, which keeps its content and refuses edits from then on."""
-        self._client.check_caller("close_layer")
+        """Ends the live connection of the layer, which keeps its content and refuses edits from then on. Own edits are sent
+        before, for at most 10 seconds."""
+        self._may_wait("close_layer")
         if layer not in self._layers:
             raise Error("layerNotOpen", f"{layer} is not open")
+        if self._layers[layer].filled:
+            self.flush()
         self._forget(layer)
 
     # -- editing
