@@ -1,11 +1,14 @@
 """The programs of docs/embedding.md are the examples, whole; the one in Python runs. (outside_test.py builds and runs the one in
 C++.)"""
 
+import re
 import subprocess
 import sys
 
+import usdlive
 from conftest import cat, connect, run
 from documents import ROOT, blocks
+from usdlive.portable import PortableLive
 
 EXAMPLES = ROOT / "client" / "examples"
 
@@ -16,6 +19,15 @@ def test_the_document_has_the_whole_examples():
         text = (EXAMPLES / example).read_text()
         assert text in programs, f"docs/embedding.md does not have {example} as it is"
         assert len(text.splitlines()) <= lines
+
+
+def test_the_document_names_what_the_portable_backend_lacks():
+    table = next(part for part in (ROOT / "docs" / "embedding.md").read_text().split("\n\n") if part.startswith("| | fast | portable |"))
+    named = {name for row in table.splitlines() if row.endswith("| yes | no |") for name in re.findall(r"`(\w+)`", row)}
+    public = [{name for name in dir(kind) if not name.startswith("_")} for kind in (usdlive.Live, PortableLive)]
+    lacked = public[0] - public[1]
+    assert lacked and lacked <= named, lacked - named
+    assert not public[1] & named
 
 
 def test_the_example_in_python_runs(project, serve):
