@@ -22,6 +22,8 @@ def "Curves"
 }
 """
 
+RADIUS = "GetAttributeAtPath('/World/Ball.radius').default"
+
 # One editor with each version, and the name of its user.
 USERS = [(OLDEST, "old"), (BUILT_FOR, "fast"), (NEWEST, "new")]
 
@@ -427,6 +429,22 @@ def test_checkpoints_and_the_history_are_those_of_the_fast_backend(served, porta
                        ("live.may_edit('root.usda', '/World', 'colour')", "invalidArgument")):
         for one in (old, fast):
             assert one.run(f"try:\n    {call}\nexcept usdlive.Error as error:\n    result = error.code") == code, call
+
+
+@pytest.mark.parametrize("version", OTHERS)
+def test_live_sessions_are_made_and_merged(served, portable, version):
+    server = served()
+    main = portable(server, version, "old")
+    made = main.run("sessions = usdlive.sessions(url, user='old'); made = sessions.create('dusk'); result = vars(made)")
+    assert (made["name"], made["creator"], made["ended"]) == ("dusk", "old", False)
+    main.run(f"with usdlive.connect(made.address, user='new') as idea:\n    idea.open_layer('root.usda').{RADIUS} = 7\n    assert idea.flush()")
+    main.run(f"layer().{RADIUS} = 8; assert live.flush()")
+    [found] = main.run("result = [vars(one) for one in sessions.merge('dusk', dry_run=True).conflicts]")
+    assert (found["path"], found["main_user"], found["session_user"]) == ("/World/Ball.radius", "old", "new")
+    merged = main.run("result = sessions.merge('dusk', take=lambda conflict: 'session').revision")
+    main.catch_up(merged)
+    assert main.run(f"result = layer().{RADIUS}") == 7
+    assert main.run("result = [one.ended for one in usdlive.sessions(url).list()]") == [True]
 
 
 @pytest.mark.parametrize("seed", range(int(os.environ.get("USDLIVE_PORTABLE_SEEDS", "3"))))

@@ -16,6 +16,7 @@
 #include "EventDictionary.h"
 #include "Fields.h"
 #include "FromPython.h"
+#include "SessionsBinding.h"
 #include "SharedLayers.h"
 #include "history/Moment.h"
 #include "session/OwnRights.h"
@@ -374,6 +375,7 @@ private:
 
 NB_MODULE(_session, module) {
     module.attr("__version__") = USDLIVE_VERSION;
+    bindSessions(module);
     // The number of the type (V1) of an attribute with this type name, or None.
     module.def("value_type_of", [](const std::string& name) -> nb::object {
         const auto type = valueTypeOf(name);

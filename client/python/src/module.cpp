@@ -21,7 +21,6 @@
 #include "FromPython.h"
 #include "LayersBinding.h"
 #include "NamespaceBinding.h"
-#include "SessionsBinding.h"
 #include "usdlive/client/usd/Client.h"
 #include "usdlive/client/usd/Misuse.h"
 #include "usdlive/common/core/LayerPath.h"
@@ -545,5 +544,4 @@ NB_MODULE(_usdlive, module) {
     bindContent(module);
     bindLayers(module);
     bindNamespace(module);
-    bindSessions(module);
 }

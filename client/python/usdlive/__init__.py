@@ -28,23 +28,22 @@ from . import events  # noqa: E402
 from ._history import LoggedCommit, Opinion  # noqa: E402
 from ._playhead import Playhead  # noqa: E402
 from ._session import __version__  # noqa: E402
+from ._sessions import Conflict, LiveSession, Merged, Sessions, sessions  # noqa: E402
 from ._undo import UndoKept, UndoResult, UndoStack  # noqa: E402
 from ._unsent import UnsentWork  # noqa: E402
 
-__all__ = ["__version__", "Error", "ErrorCode", "LoggedCommit", "Opinion", "Playhead", "UndoKept", "UndoResult", "UndoStack",
-           "UnsentWork", "connect", "events"]
+__all__ = ["__version__", "Conflict", "Error", "ErrorCode", "LiveSession", "LoggedCommit", "Merged", "Opinion", "Playhead", "Sessions",
+           "UndoKept", "UndoResult", "UndoStack", "UnsentWork", "connect", "events", "sessions"]
 
 if _other is None:
     from . import plugins
     from ._live import Live, connect, connect_async
     from ._namespace import NamespaceEditor
     from ._player import Player
-    from ._sessions import Conflict, LiveSession, Merged, Sessions, sessions
 
     plugins.register()
 
-    __all__ += ["Conflict", "Live", "LiveSession", "Merged", "NamespaceEditor", "Player", "Sessions", "connect_async", "plugins",
-                "sessions"]
+    __all__ += ["Live", "NamespaceEditor", "Player", "connect_async", "plugins"]
 else:
     from .portable.connecting import connect
 

@@ -6,7 +6,7 @@ import dataclasses
 import json
 import typing
 
-from . import _usdlive, events
+from . import _session, events
 
 Side = typing.Literal["main", "session"]
 
@@ -97,7 +97,7 @@ class Sessions:
     `invalidArgument` with what is not possible, and what to do next."""
 
     def __init__(self, address: str, user: str, token: str) -> None:
-        self._sessions = _usdlive.Sessions(address, user, token)
+        self._sessions = _session.Sessions(address, user, token)
 
     def list(self) -> "list[LiveSession]":
         """All live sessions, by name."""
