@@ -20,7 +20,7 @@ from pxr import Sdf, Usd
 
 pytestmark = pytest.mark.usefixtures("uncollected")
 SOAK = os.environ.get("USDLIVE_COST_ITEMS")
-N = int(SOAK or "3200")
+N = int(SOAK or "2400")
 DOUBLINGS = 3  # One is not enough: with cold caches, twice as many items can take three times as long.
 FEW = N >> DOUBLINGS
 MOST = 2.5  # for twice as many
