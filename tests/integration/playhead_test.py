@@ -95,6 +95,8 @@ def test_who_leaves_leads_no_longer(three):
     ada.playhead.take(12)
     all_have(three, "ada", 12)
     ada.close()
+    assert ada.playhead.time is None and not ada.playhead.leads and not ada.playhead.show(13)
+    ada.playhead.release()
     wait(lambda: bo.playhead.leader is None and cy.playhead.leader is None, bo, cy)
     bo.playhead.take(3)
     all_have((bo, cy), "bo", 3)

@@ -86,7 +86,7 @@ class Playhead:
     @property
     def leads(self) -> bool:
         """Whether this connection leads."""
-        return self._own is not None
+        return self._own is not None and not self._connection.closed
 
     @property
     def leader(self) -> str | None:
@@ -118,14 +118,14 @@ class Playhead:
         """Shows another time or rate while this connection leads. Returns False, and does nothing, if it leads no longer,
         because somebody else has taken over: then stop to play, and follow."""
         time, rate = _finite(time, "time"), _finite(rate, "rate")
-        if self._own is None:
+        if self._own is None or not self.leads:
             return False
         self._lead(self._own._replace(time=time, rate=rate))
         return True
 
     def release(self) -> None:
         """Leads no longer. Nothing happens if this connection does not lead."""
-        if self._own is not None:
+        if self.leads:
             self._lead(None)
 
     def _lead(self, own: Led | None) -> None:
@@ -137,6 +137,8 @@ class Playhead:
             raise
 
     def _leading(self) -> Led | None:
+        if self._connection.closed:
+            return None
         return max(filter(None, (*self._shown.values(), self._own)), default=None, key=lambda led: led[:2])
 
     def _note(self, presence: events.Presence) -> None:
@@ -157,5 +159,5 @@ class Playhead:
         self._give_way()
 
     def _give_way(self) -> None:
-        if self._own is not None and self._leading() is not self._own:
+        if self.leads and self._leading() is not self._own:
             self._lead(None)
