@@ -104,7 +104,7 @@ def test_who_leaves_leads_no_longer(three):
 
 def test_a_wrong_number_or_other_data_changes_nothing(three):
     ada, bo, _ = three
-    for time, rate in ((float("nan"), 0), (float("inf"), 0), (1, float("-inf"))):
+    for time, rate in ((float("nan"), 0), (float("inf"), 0), (1, float("-inf")), (10 ** 400, 0)):
         with pytest.raises(usdlive.Error, match="finite"):
             ada.playhead.take(time, rate=rate)
     assert not ada.playhead.leads
@@ -124,7 +124,8 @@ ODD = ["", "no JSON", "[]", "3", "null", '{"playhead": 3}', '{"playhead": {}}',
        '{"playhead": {"claim": true, "key": "k", "rate": 0}}', '{"playhead": {"claim": 0, "key": "k", "rate": 0}}',
        '{"playhead": {"claim": 1e400, "key": "k", "rate": 0}}', '{"playhead": {"claim": 9007199254740993, "key": "k", "rate": 0}}',
        '{"playhead": {"claim": 1, "key": 2, "rate": 0}}', '{"playhead": {"claim": 1, "key": "k", "rate": NaN}}',
-       '{"playhead": {"claim": 1, "key": "k", "rate": "0"}}', "[" * 50_000]
+       '{"playhead": {"claim": 1, "key": "k", "rate": "0"}}', '{"playhead": {"claim": 1, "key": "k", "rate": 1' + "0" * 400 + "}}",
+       "[" * 50_000]
 
 
 def test_odd_data_of_others_leads_nobody(three):

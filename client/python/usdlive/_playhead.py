@@ -44,18 +44,23 @@ def _led(shown: events.Presence) -> Led | None:
     try:
         found = json.loads(shown.data)[KEY]
         claim, key, rate = found["claim"], found["key"], found["rate"]
-    except (ValueError, TypeError, KeyError, RecursionError):
-        return None
-    if type(claim) is not int or type(rate) not in (int, float) or not isinstance(key, str) or shown.time is None:
+        if type(claim) is not int or type(rate) not in (int, float) or not isinstance(key, str) or shown.time is None:
+            return None
+        rate = float(rate)
+    except (ValueError, TypeError, KeyError, OverflowError, RecursionError):
         return None
     if not 0 < claim <= MOST_CLAIMS or not math.isfinite(rate) or not math.isfinite(shown.time):
         return None
-    return Led(claim, key, shown.user, shown.time, float(rate))
+    return Led(claim, key, shown.user, shown.time, rate)
 
 
 def _finite(number: float, name: str) -> float:
-    if not math.isfinite(number):
-        raise Error("invalidArgument", f"the {name} of the playhead is {number!r}, not a finite number")
+    try:
+        is_finite = math.isfinite(number)
+    except OverflowError:  # an int that no float can hold
+        is_finite = False
+    if not is_finite:
+        raise Error("invalidArgument", f"the {name} of the playhead must be a finite number, not {str(number)[:40]}")
     return float(number)
 
 
@@ -81,12 +86,12 @@ class Playhead:
     @property
     def shown(self) -> Led | None:
         """The playhead as this connection shows it; None: it does not lead."""
-        return self._own
+        return None if self._connection.closed else self._own
 
     @property
     def leads(self) -> bool:
         """Whether this connection leads."""
-        return self._own is not None and not self._connection.closed
+        return self.shown is not None
 
     @property
     def leader(self) -> str | None:
@@ -118,9 +123,9 @@ class Playhead:
         """Shows another time or rate while this connection leads. Returns False, and does nothing, if it leads no longer,
         because somebody else has taken over: then stop to play, and follow."""
         time, rate = _finite(time, "time"), _finite(rate, "rate")
-        if self._own is None or not self.leads:
+        if (own := self.shown) is None:
             return False
-        self._lead(self._own._replace(time=time, rate=rate))
+        self._lead(own._replace(time=time, rate=rate))
         return True
 
     def release(self) -> None:
