@@ -104,7 +104,7 @@ def test_who_leaves_leads_no_longer(three):
 
 def test_a_wrong_number_or_other_data_changes_nothing(three):
     ada, bo, _ = three
-    for time, rate in ((float("nan"), 0), (float("inf"), 0), (1, float("-inf")), (10 ** 400, 0)):
+    for time, rate in ((float("nan"), 0), (float("inf"), 0), (1, float("-inf")), (10 ** 400, 0), (10 ** 5000, 0)):
         with pytest.raises(usdlive.Error, match="finite"):
             ada.playhead.take(time, rate=rate)
     assert not ada.playhead.leads

@@ -49,7 +49,7 @@ def _led(shown: events.Presence) -> Led | None:
         rate = float(rate)
     except (ValueError, TypeError, KeyError, OverflowError, RecursionError):
         return None
-    if not 0 < claim <= MOST_CLAIMS or not math.isfinite(rate) or not math.isfinite(shown.time):
+    if not 0 < claim <= MOST_CLAIMS or not math.isfinite(shown.time + rate * GOES_ON):
         return None
     return Led(claim, key, shown.user, shown.time, rate)
 
@@ -60,7 +60,7 @@ def _finite(number: float, name: str) -> float:
     except OverflowError:  # an int that no float can hold
         is_finite = False
     if not is_finite:
-        raise Error("invalidArgument", f"the {name} of the playhead must be a finite number, not {str(number)[:40]}")
+        raise Error("invalidArgument", f"the {name} of the playhead is not a finite number")
     return float(number)
 
 
