@@ -251,7 +251,8 @@ def test_a_layer_that_an_own_edit_names_is_opened(served, portable):
 def test_a_layer_that_is_closed_has_sent_its_edits(served, portable):
     server = served()
     editor = portable(server, OLDEST, "ada")
-    editor.run("kept = live.open_layer('sub.usda'); Sdf.PrimSpec(kept, 'Last', Sdf.SpecifierDef); live.close_layer('sub.usda')")
+    editor.run("kept = live.open_layer('sub.usda'); Sdf.PrimSpec(kept, 'Last', Sdf.SpecifierDef); live.close_layer('sub.usda')\n"
+               "assert live.flush()")
     assert 'def "Last"' in cat(server, "sub.usda")
     assert editor.run("result = [kept.permissionToEdit, live.opened_layer('sub.usda')]") == [False, None]
 

@@ -242,13 +242,12 @@ class PortableLive(Connection):
         return self.open_layer(layer)
 
     def close_layer(self, layer: str) -> None:
-        """Ends the live connection of the layer, which keeps its content and refuses edits from then on. Own edits are sent
-        before, for at most 10 seconds."""
+        """Ends the live connection of the layer, which keeps its content and refuses edits from then on. Own edits of it are
+        sent by later ticks, as those of open layers are."""
         self._may_wait("close_layer")
         if layer not in self._layers:
             raise Error("layerNotOpen", f"{layer} is not open")
-        if self._layers[layer].filled:
-            self.flush()
+        self._tick(0.0, math.inf)  # takes all that the editor wrote
         self._forget(layer)
 
     # -- editing
