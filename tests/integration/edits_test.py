@@ -136,13 +136,16 @@ def test_after_fork_the_connection_belongs_to_the_parent(server):
                 Sdf.CreatePrimInLayer(own.open_layer("shot.usda"), "/OfTheChild")
 
         assert in_child(child)
-        # Also in a child that ends as Python programs end.
+        # Also in a child that ends as Python programs end: it does not destroy the stage, which might wait for ever.
         ended = subprocess.run([sys.executable, "-c", (
-            "import os, sys, usdlive\n"
+            "import os, sys, usdlive, weakref\n"
             "live = usdlive.connect(sys.argv[1], user='cy')\n"
             "stage = live.open_stage('shot.usda')\n"
             "child = os.fork()\n"
-            "if child == 0: sys.exit(7)\n"
+            "if child == 0:\n"
+            "    kept = weakref.ref(stage)\n"
+            "    del stage\n"
+            "    sys.exit(7 if kept() else 8)\n"
             "assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7\n"
             "stage.DefinePrim('/World/OfCy'); assert live.flush(); live.close()\n"), server.url],
             capture_output=True, text=True, timeout=60, check=False)

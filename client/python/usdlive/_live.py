@@ -15,6 +15,7 @@ from . import _usdlive, events
 from ._connection import Connection
 from ._errors import Error
 from ._foreign_files import ForeignFiles
+from ._forked import keep_if_forked
 from ._past import ReadOnly, open_at
 from ._player import Player
 from .portable.connecting import connect as connect_portable
@@ -224,6 +225,7 @@ class Live(Connection):
 
     def _stage(self, root: Sdf.Layer, layer: str, load: "Usd.Stage.InitialLoadSet", follow_muteness: bool) -> Usd.Stage:
         stage = Usd.Stage.Open(root, load)
+        keep_if_forked(stage)
         if follow_muteness:
             self._follow(stage, layer)
         return stage
@@ -272,6 +274,7 @@ class Live(Connection):
                         "another identifier. Use open_stage(), or close_layer() it first")
         self._foreign_files = [one for one in self._foreign_files if one.stage() != stage]  # replaces the entry of an earlier attach()
         self._foreign_files.append(ForeignFiles(stage, folder))
+        keep_if_forked(stage)
         root = self.layer_name(stage.GetRootLayer())
         if follow_muteness and root is not None:
             self._follow(stage, root)

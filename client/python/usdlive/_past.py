@@ -8,6 +8,7 @@ import weakref
 from pxr import Sdf, Tf, Usd
 
 from ._errors import Error
+from ._forked import keep_if_forked
 
 
 def open_at(address: str, load: "Usd.Stage.InitialLoadSet", follow_muteness: bool) -> Usd.Stage:
@@ -18,6 +19,7 @@ def open_at(address: str, load: "Usd.Stage.InitialLoadSet", follow_muteness: boo
         reasons = re.findall(r": '(.*)'$", str(failed), re.MULTILINE)  # without places in the sources of OpenUSD
         why = reasons[0].removeprefix(f"usdlive: cannot open {address}: ") if reasons else failed
         raise Error("layerUnreadable", f"cannot open {address}: {why}") from None
+    keep_if_forked(stage)
     if follow_muteness:
         stage.MuteAndUnmuteLayers(_muted_on(stage.GetRootLayer()), [])
     return stage

@@ -18,6 +18,7 @@ from pxr import Sdf, Tf, Usd
 from .. import _session, events
 from .._connection import Connection
 from .._errors import Error
+from .._forked import keep_if_forked
 from . import values
 from ._content import Memory, Reader, Writer, assets_of, child_names, object_at, stays, write
 
@@ -232,6 +233,7 @@ class PortableLive(Connection):
         if at is not None:
             raise _not_here("open_stage(at=)")
         stage = Usd.Stage.Open(self.open_layer(layer), load)
+        keep_if_forked(stage)
         if follow_muteness:
             self._follow(stage, layer)
         return stage
