@@ -6,6 +6,7 @@
 #include <algorithm>
 
 #include "SessionPeer.h"
+#include "unit/Seeds.h"
 #include "usdlive/common/protocol/CheckedControl.h"
 
 using namespace usdlive;
@@ -236,21 +237,23 @@ TEST_F(SessionTest, SE15AnHourOfWritesWithoutAConnectionIsOneTransaction) {
     peer.advance();
     peer.sent.clear();
     peer.session.disconnected({ErrorCode::NotConnected, "cut"});
-    for (int frame = 0; frame < 10'000; ++frame) {
+    constexpr int kFrames = seedsOf(10'000);
+    for (int frame = 0; frame < kFrames; ++frame) {
         peer.author({authored("/A.x", SetField{"default", {}, doubleValue(frame), {}})});
         peer.author({authored("/A", setText("comment", std::to_string(frame)))});
     }
     EXPECT_EQ(peer.session.pendingTransactions(), 3u) << "one that was sent, and the last values";
-    EXPECT_EQ(peer.session.writtenAgain(), 2u * 9'999u);
+    EXPECT_EQ(peer.session.writtenAgain(), 2u * (kFrames - 1));
     peer.connect();
     peer.advance();
     const Transaction sent = peer.takeTransaction();
     EXPECT_EQ(sent.id.sequence, 1u) << "the server may have that one already";
     const Transaction value = peer.takeTransaction(), comment = peer.takeTransaction();
-    EXPECT_EQ(std::get<SetField>(value.edits[0].action).value, FieldValue(doubleValue(9'999)));
+    EXPECT_EQ(std::get<SetField>(value.edits[0].action).value,
+              FieldValue(doubleValue(kFrames - 1)));
     for (const Transaction& one : {sent, value, comment}) peer.commitAndTell(one);
     peer.advance();
-    EXPECT_EQ(peer.text("/A", "comment"), "9999");
+    EXPECT_EQ(peer.text("/A", "comment"), std::to_string(kFrames - 1));
     EXPECT_TRUE(peer.agrees());
     EXPECT_EQ(peer.session.pendingTransactions(), 0u);
 }

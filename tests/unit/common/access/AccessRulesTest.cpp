@@ -5,6 +5,8 @@
 
 #include <random>
 
+#include "unit/Seeds.h"
+
 namespace usdlive {
 namespace {
 
@@ -272,7 +274,7 @@ TEST(AccessRules, AUserIsSentWhatDecidesAboutThem) {
         return chosen;
     };
     std::size_t denied = 0, allowed = 0;
-    for (int round = 0; round < 500; ++round) {
+    for (unsigned round = 0; round < seedsOf(500); ++round) {
         std::string text;
         for (std::size_t count = random() % 6; count > 0; --count) {
             AccessRule rule;

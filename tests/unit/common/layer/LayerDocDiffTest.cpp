@@ -5,6 +5,7 @@
 
 #include "MustApply.h"
 #include "RandomEdits.h"
+#include "unit/Seeds.h"
 #include "usdlive/common/layer/LayerDoc.h"
 
 using namespace usdlive;
@@ -341,7 +342,7 @@ TEST(FieldDifference, M13MergesAlsoVeryManyParts) {
 
 TEST(FieldDifference, IsExactForAnyContents) {
     RandomEdits random{7};
-    for (int step = 0; step < 20000; ++step) {
+    for (unsigned step = 0; step < seedsOf(20'000); ++step) {
         SCOPED_TRACE(step);
         const FieldValue from = random.content();
         FieldValue to = random.content();
