@@ -20,7 +20,7 @@ from pxr import Sdf
 from websockets.exceptions import WebSocketException
 
 # The number of places in each trace; each is tried with one choice of kept writes.
-CRASHES = int(os.environ.get("USDLIVE_CRASHES", "25"))
+CRASHES = int(os.environ.get("USDLIVE_CRASHES", "12"))
 SEED = int(os.environ.get("USDLIVE_SEED", "1"))
 AT_ONCE = 2
 INTERPOSER = pathlib.Path(os.environ["USDLIVE_BUILD"]) / "bin" / "interpose.so"

@@ -15,7 +15,7 @@ import pytest
 import wire
 from conftest import Server, cat
 
-PLACES = int(os.environ.get("USDLIVE_DAMAGES", "200"))
+PLACES = int(os.environ.get("USDLIVE_DAMAGES", "120"))
 SEED = int(os.environ.get("USDLIVE_SEED", "1"))
 AT_ONCE = 2
 LAYERS = ("root.usda", "look.usda")

@@ -12,7 +12,7 @@ from pxr import Sdf
 from websockets.exceptions import WebSocketException
 
 # K1. `./run soak kills` runs 1,000 kills, in groups of 50 with a folder and a seed each.
-KILLS = int(os.environ.get("USDLIVE_KILLS", "30"))
+KILLS = int(os.environ.get("USDLIVE_KILLS", "20"))
 SEED = int(os.environ.get("USDLIVE_SEED", "1"))
 LOT = 50
 

@@ -1,12 +1,10 @@
-"""An editor that is driven by its stdin: `peer.py URL USER LAYER [BACKEND]`. Each line is a JSON string of Python
-statements; the answer is a JSON line with the value of `result`, or with the error."""
+"""An editor that is driven by its stdin (statements.py): `peer.py URL USER LAYER [BACKEND]`."""
 
-import json
 import sys
-import traceback
 
 import usdlive
 from pxr import Gf, Sdf, Ts, Usd, UsdGeom, UsdShade, Vt  # used by the statements
+from statements import answer_all
 
 live = usdlive.connect(sys.argv[1], user=sys.argv[2], backend=(sys.argv[4:] or [None])[0])
 stage = live.open_stage(sys.argv[3])
@@ -33,13 +31,4 @@ def check_stage(of=stage):
                             for path in {*here, *afresh} if here.get(path) != afresh.get(path)]
 
 
-names = dict(globals())
-print("{}", flush=True)
-for line in sys.stdin:
-    names.pop("result", None)
-    try:
-        exec(json.loads(line), names)
-        answer = {"value": names.get("result")}
-    except BaseException:
-        answer = {"error": traceback.format_exc()}
-    print(json.dumps(answer), flush=True)
+answer_all(dict(globals()))

@@ -1,13 +1,12 @@
 """An editor with the OpenUSD of its environment: `portable_peer.py BACKEND URL USER LAYER`, driven as peer.py."""
 
 import difflib
-import json
 import sys
-import traceback
 
 import bundled_pxr  # noqa: F401
 import usdlive
 from pxr import Gf, Sdf, Usd, UsdGeom, Vt  # used by the statements
+from statements import answer_all
 
 backend, url, user, root = sys.argv[1:]
 live = usdlive.connect(url, user=user, backend=None if backend == "any" else backend)
@@ -37,14 +36,5 @@ def check():
     assert here == there, "\n".join(difflib.unified_diff(here, there, "the layer", "the session", lineterm=""))
 
 
-names = dict(globals())
-print("{}", flush=True)
-for line in sys.stdin:
-    names.pop("result", None)
-    try:
-        exec(json.loads(line), names)
-        answer = {"value": names.get("result")}
-    except BaseException:
-        answer = {"error": traceback.format_exc()}
-    print(json.dumps(answer), flush=True)
+answer_all(dict(globals()))
 live.close()
