@@ -20,14 +20,14 @@ static void digest(Digest& out, const Touched& part) {
     const auto& [layer, path] = part;
     out(layer, path);
 }
-static void digest(Digest& out, const Prognosis& part) {
+static void digest(Digest& out, const Expectation& part) {
     const auto& [touched, names, complete, refused] = part;
     out(touched, names, complete, refused);
 }
 static void digest(Digest& out, const Pending& part) {
-    const auto& [transaction, authored, prognosis, blobs, sent, everSent, changedSince, sentBytes,
+    const auto& [transaction, authored, expectation, blobs, sent, everSent, changedSince, sentBytes,
                  attempts, carried, places, placesOf] = part;
-    out(transaction, authored, prognosis, blobs, sent, everSent, changedSince,
+    out(transaction, authored, expectation, blobs, sent, everSent, changedSince,
         sent ? sentBytes : std::size_t(0), attempts, carried, places, placesOf);
 }
 static void digest(Digest& out, const Prediction::Moves::Move& part) {

@@ -438,8 +438,8 @@ Result<LineMerge::Merged> LineMerge::merge(
         std::map<std::string, Side> deleted;  // one decision for everything in a deleted spec
         for (auto& [path, action] : difference(common_.at(layer), from_.docs.at(layer))) {
             const Creation number{kTransaction, std::uint32_t(transaction.edits.size())};
-            Prognosis prognosis;
-            auto edit = prediction.author({layer, path, action}, number, prognosis);
+            Expectation expectation;
+            auto edit = prediction.author({layer, path, action}, number, expectation);
             if (!edit) return tl::unexpected(edit.error());
             std::string place = comparison.pathInto(path).value_or(std::string());
             auto conflict = comparison.next(path, action);

@@ -21,7 +21,7 @@ struct Touched {
 };
 
 /// The result of a transaction when it was last executed on the view.
-struct Prognosis {
+struct Expectation {
     /// The spec of each edit, in order; for a move also its new place.
     std::vector<Touched> touched;
     std::uint64_t names = 0;  ///< length of the predicted namespace log after this transaction
@@ -33,7 +33,7 @@ struct Prognosis {
 struct Pending {
     Transaction transaction;
     std::vector<AuthoredEdit> authored;  ///< one for each edit, as the editor made it
-    Prognosis prognosis;
+    Expectation expectation;
     std::vector<Value> blobs;  ///< big values that it names
     bool sent = false;         ///< on this connection
     bool everSent = false;     ///< under its present number

@@ -18,10 +18,10 @@ bool related(const Touched& left, const Touched& right) {
 }
 
 bool overlap(const Pending& left, const Pending& right) {
-    if (!left.prognosis.complete || !right.prognosis.complete) return true;  // unknown
-    const auto& theirs = right.prognosis.touched;
+    if (!left.expectation.complete || !right.expectation.complete) return true;  // unknown
+    const auto& theirs = right.expectation.touched;
     return std::any_of(
-        left.prognosis.touched.begin(), left.prognosis.touched.end(), [&](const Touched& own) {
+        left.expectation.touched.begin(), left.expectation.touched.end(), [&](const Touched& own) {
             return std::any_of(theirs.begin(), theirs.end(),
                                [&](const Touched& other) { return related(own, other); });
         });

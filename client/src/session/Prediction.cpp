@@ -240,8 +240,8 @@ void Prediction::preview(std::uint64_t slot, const PreviewFrame& frame) {
     previewsChangeNames_ = previewsChangeNames_ || names_.mark() != mark;
 }
 
-Prognosis Prediction::run(const Transaction& transaction) {
-    return execute(transaction, true, ownBlock(transaction.id.sequence), false).prognosis;
+Expectation Prediction::run(const Transaction& transaction) {
+    return execute(transaction, true, ownBlock(transaction.id.sequence), false).expectation;
 }
 
 Prediction::Landed Prediction::land(const Transaction& transaction) {
@@ -266,16 +266,16 @@ Prediction::Landed Prediction::execute(const Transaction& transaction, bool own,
         usdlive::execute(docs_, names_, creations_, transaction, confirmed_->revision + 1);
     for (const LayerId& layer : absent) docs_.erase(layer);
     if (auto* refused = std::get_if<Refused>(&outcome)) {
-        landed.prognosis.complete = false;
-        landed.prognosis.refused = true;
-        landed.prognosis.names = names_.mark();
+        landed.expectation.complete = false;
+        landed.expectation.refused = true;
+        landed.expectation.names = names_.mark();
         landed.refused = std::move(*refused);
         return landed;
     }
 
     Executed& executed = std::get<Executed>(outcome);
-    landed.prognosis.complete = executed.dropped.empty();
-    landed.prognosis.names = names_.mark();
+    landed.expectation.complete = executed.dropped.empty();
+    landed.expectation.names = names_.mark();
     SubmittedIndexes indexes(executed.dropped);
     for (std::size_t number = 0; number < executed.edits.size(); ++number) {
         ExecutedEdit& done = executed.edits[number];
@@ -286,7 +286,7 @@ Prediction::Landed Prediction::execute(const Transaction& transaction, bool own,
         else if (own && concernsPlace(done.edit.action))
             creation = numberOfPlace(executed, number, transaction.id.sequence);
         if (!absent.contains(done.edit.layer))
-            note(done.edit, done.applied, creation, landed.prognosis);
+            note(done.edit, done.applied, creation, landed.expectation);
         // ED9: the executor appends edits to those of the transaction.
         if (wantEdits && index < landed.edits.size()) {
             if (const auto unmerged = executed.unmerged.find(number);
@@ -318,10 +318,10 @@ std::optional<Creation> Prediction::numberOfPlace(const Executed& executed, std:
 
 // Notes what later addresses, effect() and the order of sending need to know about an edit.
 void Prediction::note(const Edit& executed, const LayerDoc::Applied& applied,
-                      const std::optional<Creation>& creation, Prognosis& prognosis) {
+                      const std::optional<Creation>& creation, Expectation& expectation) {
     const std::string& path = executed.address.path;
     LayerNotes& notes = notes_[executed.layer];
-    prognosis.touched.push_back({executed.layer, path});
+    expectation.touched.push_back({executed.layer, path});
     if (const std::string* field = fieldOf(executed.action)) {
         std::uint64_t& whole = notes.fields[fieldKey(path, *field)];
         if (creation && writesWhole(executed.action)) whole = creation->sequence;
@@ -338,7 +338,7 @@ void Prediction::note(const Edit& executed, const LayerDoc::Applied& applied,
     } else if (const auto* move = std::get_if<MoveSpec>(&executed.action);
                move && changesNamespace(executed)) {
         std::string to = destination(path, *move);
-        prognosis.touched.push_back({executed.layer, to});
+        expectation.touched.push_back({executed.layer, to});
         notes.structural.push_back(to);
         if (move->place)
             notes.moves.vacate(path, std::move(to), creation, applied.changed);
@@ -354,7 +354,7 @@ void Prediction::note(const Edit& executed, const LayerDoc::Applied& applied,
 }
 
 Result<Edit> Prediction::author(const AuthoredEdit& edit, const Creation& creation,
-                                Prognosis& prognosis) {
+                                Expectation& expectation) {
     LayerDoc* doc = open(edit.layer);
     if (!doc)
         return fail(ErrorCode::LayerNotOpen, "the layer " + edit.layer.value + " is not open");
@@ -367,12 +367,12 @@ Result<Edit> Prediction::author(const AuthoredEdit& edit, const Creation& creati
     Edit executed{edit.layer, {edit.path, {}}, edit.action};
     if (concernsPlace(edit.action) && applied->node != 0 && !applied->changed)
         executed.action = stayingAt(edit.path);
-    note(executed, *applied, creation, prognosis);
+    note(executed, *applied, creation, expectation);
     recordMove(names_, confirmed_->revision + 1, confirmed_->self, executed);
     if (std::holds_alternative<CreateSpec>(edit.action) || concernsPlace(edit.action))
         creations_.record(creation, {edit.layer, edit.path, names_.mark()},
                           confirmed_->revision + 1);
-    prognosis.names = names_.mark();
+    expectation.names = names_.mark();
     return result;
 }
 
@@ -529,8 +529,8 @@ void Prediction::apply(const Edit& committed) {
     if (own != docs_.end()) (void)own->second.apply(committed.address.path, committed.action);
 }
 
-void Prediction::acknowledge(std::uint64_t sequence, const Prognosis& prognosis) {
-    names_.pruneBefore(prognosis.names);
+void Prediction::acknowledge(std::uint64_t sequence, const Expectation& expectation) {
+    names_.pruneBefore(expectation.names);
     creations_.forget(sequence);
 }
 

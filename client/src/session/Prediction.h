@@ -52,11 +52,11 @@ public:
     /// Executes a preview of another client. `slot` identifies it.
     void preview(std::uint64_t slot, const PreviewFrame& frame);
     /// Executes an own transaction, with the code that the server runs.
-    Prognosis run(const Transaction& transaction);
+    Expectation run(const Transaction& transaction);
     /// Like run(), and also returns each edit with its path in the view and the author's own value,
     /// which is not merged with that of a colleague (nothing: it was dropped).
     struct Landed {
-        Prognosis prognosis;
+        Expectation expectation;
         std::vector<std::optional<AuthoredEdit>> edits;
         std::optional<Refused> refused;
     };
@@ -65,7 +65,8 @@ public:
     /// Applies an edit of the editor to the view, and returns it with its address (M3) at the
     /// revision openedAt() of its layer. It is edit `creation.edit` of transaction
     /// `creation.sequence`.
-    Result<Edit> author(const AuthoredEdit& edit, const Creation& creation, Prognosis& prognosis);
+    Result<Edit> author(const AuthoredEdit& edit, const Creation& creation,
+                        Expectation& expectation);
 
     /// Returns the edit as author() would, without applying it.
     [[nodiscard]] Result<Edit> addressed(const AuthoredEdit& edit) const {
@@ -106,7 +107,7 @@ public:
     void apply(const Edit& committed);
     /// Called when the first own transaction was committed as predicted: its moves, deletes and
     /// creations are confirmed now.
-    void acknowledge(std::uint64_t sequence, const Prognosis& prognosis);
+    void acknowledge(std::uint64_t sequence, const Expectation& expectation);
     /// Returns whether previews move or delete specs.
     [[nodiscard]] bool previewsChangeNames() const { return previewsChangeNames_; }
 
@@ -192,7 +193,7 @@ private:
                                                  std::uint64_t sequence);
     Landed execute(const Transaction& transaction, bool own, NodeId firstNode, bool wantEdits);
     void note(const Edit& executed, const LayerDoc::Applied& applied,
-              const std::optional<Creation>& creation, Prognosis& prognosis);
+              const std::optional<Creation>& creation, Expectation& expectation);
     Result<Address> address(const LayerId& layer, const LayerDoc& doc, std::string_view path) const;
     // An address has to lead to a place, or to the new parent of an object.
     enum class Names { Place, Parent };

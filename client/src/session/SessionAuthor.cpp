@@ -43,7 +43,7 @@ void Session::Impl::author(std::vector<AuthoredEdit> edits) {
         lost.gesture = gesture_->pending.transaction.gesture;
         authorInto(gesture_->pending, std::move(edits), lost, repairs);
         repair(repairs);
-        if (gesture_->pending.prognosis.refused && !frozen_) {  // because of a preview
+        if (gesture_->pending.expectation.refused && !frozen_) {  // because of a preview
             restartPrediction();
             rebuild();
         }
@@ -78,7 +78,7 @@ std::optional<Error> Session::Impl::tooManyUnsent() const {
 bool Session::Impl::writeAgain(std::vector<AuthoredEdit>& edits) {
     if (gesture_ || frozen_ || dirty_) return false;
     Pending* pending = pending_.writtenAgainBy(edits);
-    if (!pending || !pending->prognosis.complete) return false;
+    if (!pending || !pending->expectation.complete) return false;
     if (pending->transaction.label != labelOf(undo_.label())) return false;
     addresses_.rebase(*pending);
     Transaction& transaction = pending->transaction;
@@ -99,7 +99,7 @@ bool Session::Impl::writeAgain(std::vector<AuthoredEdit>& edits) {
     Repairs repairs;
     undo_.begin({});
     for (std::size_t index = 0; index < edits.size(); ++index) {
-        Prognosis unchanged;
+        Expectation unchanged;
         Inverse inverse = inverseOf(*pending, edits[index]);
         const auto addressed = prediction_.author(edits[index], number(index), unchanged);
         if (!addressed) {
@@ -161,7 +161,7 @@ void Session::Impl::accept(Pending& pending, Edit addressed, AuthoredEdit edit, 
     std::size_t index = pending.transaction.edits.size();
     if (gesture_ && !frozen_) {
         const std::size_t added = gesture_->add(std::move(addressed), std::move(edit));
-        if (added != index) pending.prognosis.touched.pop_back();
+        if (added != index) pending.expectation.touched.pop_back();
         index = added;
     } else {
         pending.transaction.edits.push_back(std::move(addressed));
@@ -207,7 +207,7 @@ Result<Edit> Session::Impl::predictEdit(Pending& pending, const AuthoredEdit& ed
     const LayerDoc* doc = prediction_.find(edit.layer);
     const bool exists =
         std::holds_alternative<CreateSpec>(edit.action) && doc && doc->has(edit.path);
-    auto addressed = prediction_.author(edit, number, pending.prognosis);
+    auto addressed = prediction_.author(edit, number, pending.expectation);
     if (addressed && exists) createdExisting_ = true;
     if (addressed) addresses_.renew(*addressed, prediction_.openedAt(edit.layer), number);
     return addressed;

@@ -21,11 +21,11 @@ constexpr std::size_t kAnsweredKept = 4'096;
 // Returns whether each edit was committed at the predicted path and unchanged. The executor may
 // change it (M13, ED9).
 bool asPredicted(const Pending& own, const Commit& commit) {
-    if (!own.prognosis.complete || !commit.dropped.empty()) return false;
+    if (!own.expectation.complete || !commit.dropped.empty()) return false;
     const auto& submitted = own.transaction.edits;
     if (commit.edits.size() != submitted.size()) return false;
-    auto touched = own.prognosis.touched.begin();
-    const auto end = own.prognosis.touched.end();
+    auto touched = own.expectation.touched.begin();
+    const auto end = own.expectation.touched.end();
     for (std::size_t index = 0; index < submitted.size(); ++index) {
         const Edit& edit = commit.edits[index];
         if (touched == end || touched->path != edit.address.path) return false;
@@ -167,7 +167,7 @@ void Session::Impl::acknowledge(const Commit& commit, Prediction* current) {
     auto pending = pending_.take(commit.id.sequence);
     if (!pending) return;
     submissions_.answered();
-    if (current) current->acknowledge(commit.id.sequence, pending->prognosis);
+    if (current) current->acknowledge(commit.id.sequence, pending->expectation);
     if (rebuild_) --rebuild_->done;
     for (const Value& blob : pending->blobs) uploads_.stored(blob.hash());
     recordCreations(creations_, log_, pending->transaction, commit);

@@ -52,7 +52,7 @@ void Session::Impl::rebuild() {
     for (std::size_t count = 0; rebuild_->done < pending_.size(); ++rebuild_->done) {
         if (deadline_.isOver(++count)) return;
         Pending& pending = pending_[rebuild_->done];
-        pending.prognosis = rebuild_->next.run(pending.transaction);
+        pending.expectation = rebuild_->next.run(pending.transaction);
     }
     predictGesture(rebuild_->next);
     Prediction before = std::exchange(prediction_, std::move(rebuild_->next));
@@ -72,9 +72,9 @@ void Session::Impl::predictPreviews(Prediction& prediction) const {
 void Session::Impl::predictGesture(Prediction& prediction) {
     if (!gesture_) return;
     Pending& pending = gesture_->pending;
-    const auto run = [&] { pending.prognosis = prediction.run(pending.transaction); };
+    const auto run = [&] { pending.expectation = prediction.run(pending.transaction); };
     run();
-    if (!pending.prognosis.refused) return;
+    if (!pending.expectation.refused) return;
     Prediction confirmed(confirmedSide_);
     for (const Pending& own : pending_) confirmed.run(own.transaction);
     while (const auto refused = confirmed.land(pending.transaction).refused) {
@@ -115,7 +115,7 @@ void Session::Impl::readdressGesture() {
 
 void Session::Impl::addressCarried(Pending& pending,
                                    std::vector<std::optional<AuthoredEdit>> edits) {
-    pending.prognosis = {};
+    pending.expectation = {};
     pending.changedSince = pending.sent;
     pending.transaction.base = revision_;
     const bool movesObjects = std::ranges::any_of(
@@ -125,9 +125,10 @@ void Session::Impl::addressCarried(Pending& pending,
     pending.placesOf = 0;
     for (std::size_t index = 0; index < edits.size(); ++index) {
         const Creation number{pending.transaction.id.sequence, std::uint32_t(index)};
-        auto addressed = edits[index] ? prediction_.author(*edits[index], number, pending.prognosis)
-                                      : fail(ErrorCode::SpecDeleted, "dropped");
-        if (!addressed) pending.prognosis.complete = false;
+        auto addressed = edits[index]
+                             ? prediction_.author(*edits[index], number, pending.expectation)
+                             : fail(ErrorCode::SpecDeleted, "dropped");
+        if (!addressed) pending.expectation.complete = false;
         const AuthoredEdit& edit = pending.authored[index];
         pending.transaction.edits[index] =
             addressed ? std::move(*addressed)

@@ -14,12 +14,12 @@ namespace usdlive::client {
 namespace {
 
 // Specs that are gone have paths below this one, which no spec can have.
-constexpr std::string_view kGraves = "/\x01";
+constexpr std::string_view kDeleted = "/\x01";
 constexpr const char* kDefaultLabel = "Edit";
 // More writes of others into one spec, or below a created one, count as writes of everything.
 constexpr std::size_t kMostOfSite = 1'000;
 
-bool isGone(const std::string& path) { return path.starts_with(kGraves); }
+bool isGone(const std::string& path) { return path.starts_with(kDeleted); }
 
 bool changesNothing(const Inverse& inverse) {
     const auto* written = std::get_if<WrittenRegister>(&inverse);
@@ -162,17 +162,17 @@ void UndoStack::moveSites(const LayerId& layer, const std::string from, const st
 }
 
 // Gives a deleted spec, and those below it, paths that no other spec has, until it is restored.
-void UndoStack::bury(const LayerId& layer, const std::string& path, const UserName& by) {
+void UndoStack::moveAside(const LayerId& layer, const std::string& path, const UserName& by) {
     const auto sites = sites_.find(layer);
     if (sites == sites_.end()) return;
     const PathElement last = specpath::last(path);
-    std::string grave = std::string(kGraves) + std::to_string(++graves_);
-    if (last.list == ChildList::Variants) grave += "{v=}";
-    grave = specpath::child(grave, last.list, last.name);
-    moveSites(layer, path, grave);
+    std::string place = std::string(kDeleted) + std::to_string(++deletions_);
+    if (last.list == ChildList::Variants) place += "{v=}";
+    place = specpath::child(place, last.list, last.name);
+    moveSites(layer, path, place);
     if (by.value.empty()) return;
-    for (auto at = sites->second.lower_bound(grave);
-         at != sites->second.end() && specpath::hasPrefix(at->first, grave); ++at)
+    for (auto at = sites->second.lower_bound(place);
+         at != sites->second.end() && specpath::hasPrefix(at->first, place); ++at)
         at->second->goneBy = by;
 }
 
@@ -181,7 +181,7 @@ void UndoStack::shown(const LayerId& layer, const std::string& path, const EditA
     if (const auto* move = std::get_if<MoveSpec>(&action))
         moveSites(layer, path, destination(path, *move));
     else if (std::holds_alternative<DeleteSpec>(action))
-        bury(layer, path, deleter_);
+        moveAside(layer, path, deleter_);
 }
 
 // ---- steps
@@ -324,7 +324,7 @@ std::optional<UndoStack::Entry> UndoStack::entryOf(Part& part, const LayerId& la
         noteParent(deleted->next);
         entry.name = specpath::last(path).name;
         entry.site = site(layer, path);
-        bury(layer, path, {});
+        moveAside(layer, path, {});
         if (isOwn && !part.moves) return std::nullopt;
     } else if (const auto* moved = std::get_if<MovedSpec>(&inverse)) {
         noteParent(moved->next);

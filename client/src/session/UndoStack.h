@@ -129,7 +129,7 @@ private:
     void forEachAt(const LayerId& layer, const std::string& path, const Visit& visit) const;
     void unlist(const Site& site);
     void moveSites(const LayerId& layer, std::string from, const std::string& to);
-    void bury(const LayerId& layer, const std::string& path, const UserName& by);
+    void moveAside(const LayerId& layer, const std::string& path, const UserName& by);
 
     Part& partOf(std::uint64_t sequence, Revision seen);
     void insert(Part& part, Entry entry);
@@ -166,7 +166,7 @@ private:
     bool takesBack_ = false, overflows_ = false;
     std::map<std::uint64_t, std::vector<std::weak_ptr<Part>>> pending_;  // by sequence
     std::deque<Unread> unread_;
-    std::uint64_t graves_ = 0;
+    std::uint64_t deletions_ = 0;
     UserName deleter_;  // the author of the commit that the view gets
 };
 

@@ -152,7 +152,7 @@ void Projects::changed(const std::string& name) {
     const ServedProject::Status status = entry.project->status();
     const bool isResult = status.state == State::Failed || status.state == State::Serving;
     const bool isNews =
-        isResult && !opened_ && std::exchange(entry.told, status.state) != status.state;
+        isResult && !opened_ && std::exchange(entry.reported, status.state) != status.state;
     if (isNews && status.state == State::Failed)
         log_.write(LogLevel::Error, "project cannot be opened",
                    {{"project", name}, {"error", status.error->message}});
@@ -179,7 +179,7 @@ void Projects::checkOpened() {
     });
     if (!opened_ || isOpening) return;
     // The caller of open() reads all states now, also one whose changed() has not run yet.
-    for (auto& [name, entry] : projects_) entry.told = entry.project->status().state;
+    for (auto& [name, entry] : projects_) entry.reported = entry.project->status().state;
     std::exchange(opened_, nullptr)();
 }
 

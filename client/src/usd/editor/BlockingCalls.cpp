@@ -101,8 +101,8 @@ Result<void> Client::Impl::upload(const fs::path& file, const std::string& path,
     while (!outcome) {
         tick(kBlockingBudgetMs);
         if (outcome) break;
-        const bool isHeard = line_.connection().wait(milliseconds(1));
-        if (isHeard || std::exchange(steps, uploads_.steps()) != uploads_.steps())
+        const bool hasArrived = line_.connection().wait(milliseconds(1));
+        if (hasArrived || std::exchange(steps, uploads_.steps()) != uploads_.steps())
             silent = Stopwatch();
         // The server writes a large file without a word.
         if (silent.ms() <= kSilenceMs + double(uploads_.beingWritten()) / kSlowDiskBytesPerMs)

@@ -212,12 +212,12 @@ void Client::Impl::useAddresses() {
 void Client::Impl::followFiles() {
     if (!files_.isStarted()) return;
     files_.follow(session_.isConnected(), line_.connection(), steadyMs());
-    auto news = files_.takeNews();
-    if (news.isEmpty()) return;
+    auto changes = files_.takeChanges();
+    if (changes.isEmpty()) return;
     const auto isLive = [this](const auto& layer) { return layers_.idOf(layer).has_value(); };
-    late_.add(files_.reload(news.changed, isLive));
-    late_.add(news.arrived);
-    if (!news.changed.empty()) events_.push(event::FilesChanged{std::move(news.changed)});
+    late_.add(files_.reload(changes.changed, isLive));
+    late_.add(changes.arrived);
+    if (!changes.changed.empty()) events_.push(event::FilesChanged{std::move(changes.changed)});
 }
 
 // An upload ends when this process can resolve the file, too.

@@ -29,8 +29,8 @@ constexpr std::int64_t kFirstPauseMs = 1'000, kLongestPauseMs = 8'000;
 
 }  // namespace
 
-OpenLayers::OpenLayers(Surroundings surroundings)
-    : with_(std::move(surroundings)),
+OpenLayers::OpenLayers(Dependencies dependencies)
+    : with_(std::move(dependencies)),
       clips_(with_.places, with_.files,
              [this](const LayerId& id) { return isOfProject(id) && !find(id); }),
       views_(live_, with_.values.source()) {}
@@ -84,7 +84,7 @@ Result<void> OpenLayers::join(const LayerId& id, const pxr::SdfLayerRefPtr& laye
     keepEarlyWork(id, layer, blobs, with_.lost);
     live_.add(std::make_unique<LiveLayer>(
         id, layer,
-        LiveLayer::Surroundings{
+        LiveLayer::Dependencies{
             with_.values.source(), blobs, with_.sink, with_.filler,
             [this, id] { return with_.session.view(id); },
             [this](Error error) { with_.events.report(std::move(error)); },

@@ -29,7 +29,7 @@ namespace usdlive::client {
 class OpenLayers {
 public:
     /// All members outlive this object.
-    struct Surroundings {
+    struct Dependencies {
         Session& session;
         LayerPlaces& places;
         PlainFiles& files;
@@ -40,7 +40,7 @@ public:
         Worker& filler;      ///< builds the content of layers
         Worker& background;  ///< searches for loaded layers
     };
-    explicit OpenLayers(Surroundings surroundings);
+    explicit OpenLayers(Dependencies dependencies);
 
     [[nodiscard]] LiveSet& live() { return live_; }
     [[nodiscard]] LayerViews& views() { return views_; }
@@ -123,7 +123,7 @@ private:
     void abandon(const pxr::SdfLayerRefPtr& layer) const;
     void joinAwaited(std::int64_t nowMs);
 
-    const Surroundings with_;
+    const Dependencies with_;
     bool knowsProject_ = false;
     LiveSet live_;
     ClipFiles clips_;

@@ -39,12 +39,12 @@ void addSubLayers(const FieldValue& field, std::set<std::string>& assets) {
 
 }  // namespace
 
-Result<std::unique_ptr<PastLayers>> PastLayers::create(Surroundings surroundings, LayerId root,
+Result<std::unique_ptr<PastLayers>> PastLayers::create(Dependencies dependencies, LayerId root,
                                                        const std::optional<ServerAddress>& web) {
     auto folders = ClientFolders::create({});
     if (!folders) return tl::unexpected(folders.error());
     std::unique_ptr<PastLayers> past(
-        new PastLayers(surroundings, std::move(root), std::move(folders->background),
+        new PastLayers(dependencies, std::move(root), std::move(folders->background),
                        std::move(folders->own), std::move(folders->cache)));
     if (web)
         if (auto base = past->files_.start(past->places_->folder(), web))
@@ -52,9 +52,9 @@ Result<std::unique_ptr<PastLayers>> PastLayers::create(Surroundings surroundings
     return past;
 }
 
-PastLayers::PastLayers(Surroundings surroundings, LayerId root, std::unique_ptr<Worker> worker,
+PastLayers::PastLayers(Dependencies dependencies, LayerId root, std::unique_ptr<Worker> worker,
                        ProcessFolder folder, std::unique_ptr<CacheFolderPlaces> places)
-    : with_(surroundings),
+    : with_(dependencies),
       root_(std::move(root)),
       folder_(std::move(folder)),
       worker_(std::move(worker)),

@@ -33,14 +33,14 @@ namespace usdlive::client {
 class PastLayers {
 public:
     /// All members outlive this object.
-    struct Surroundings {
+    struct Dependencies {
         Session& session;
         BlobCache& blobs;
         Worker& filler;  ///< builds the content of layers
     };
     /// `web`: the server, if layers get addresses. Error: InvalidArgument (no folder can be
     /// created).
-    static Result<std::unique_ptr<PastLayers>> create(Surroundings surroundings, LayerId root,
+    static Result<std::unique_ptr<PastLayers>> create(Dependencies dependencies, LayerId root,
                                                       const std::optional<ServerAddress>& web);
     ~PastLayers();
     PastLayers(const PastLayers&) = delete;
@@ -103,7 +103,7 @@ private:
         std::set<Hash> blobs;  // that are not here yet
     };
 
-    PastLayers(Surroundings surroundings, LayerId root, std::unique_ptr<Worker> worker,
+    PastLayers(Dependencies dependencies, LayerId root, std::unique_ptr<Worker> worker,
                ProcessFolder folder, std::unique_ptr<CacheFolderPlaces> places);
 
     void ask(Asked::For purpose, Revision revision, std::vector<LayerId> layers);
@@ -122,7 +122,7 @@ private:
     void show();
     void dropNext();
 
-    const Surroundings with_;
+    const Dependencies with_;
     const LayerId root_;
     // The order of destruction: the files' thread, the places, their worker, the folder.
     const ProcessFolder folder_;

@@ -22,12 +22,12 @@ constexpr std::size_t kMostSince = 5'000;
 
 }  // namespace
 
-LiveLayer::LiveLayer(LayerId id, pxr::SdfLayerRefPtr layer, Surroundings surroundings)
+LiveLayer::LiveLayer(LayerId id, pxr::SdfLayerRefPtr layer, Dependencies dependencies)
     : id_(std::move(id)),
       layer_(std::move(layer)),
-      surroundings_(std::move(surroundings)),
-      capture_(id_, surroundings_.view, surroundings_.wake, surroundings_.clipsWritten,
-               surroundings_.layersNamed),
+      dependencies_(std::move(dependencies)),
+      capture_(id_, dependencies_.view, dependencies_.wake, dependencies_.clipsWritten,
+               dependencies_.layersNamed),
       permission_(layer_) {
     const auto self = pxr::TfCreateWeakPtr(this);
     replacedKey_ =
@@ -58,7 +58,7 @@ bool LiveLayer::isIdle() const {
 
 void LiveLayer::noteUses() {
     usesChanged_ = true;
-    surroundings_.wake();
+    dependencies_.wake();
 }
 
 void LiveLayer::noteNames(const std::string& path, const EditAction& action) {
@@ -66,8 +66,8 @@ void LiveLayer::noteNames(const std::string& path, const EditAction& action) {
 }
 
 std::unique_ptr<BackgroundFill> LiveLayer::newFill() {
-    return std::make_unique<BackgroundFill>(layer_, surroundings_.workerSource,
-                                            surroundings_.worker);
+    return std::make_unique<BackgroundFill>(layer_, dependencies_.workerSource,
+                                            dependencies_.worker);
 }
 
 void LiveLayer::arriving(std::shared_ptr<const SnapshotPart> part) {
@@ -83,7 +83,7 @@ void LiveLayer::arrived(const LayerDoc& snapshot) {
 }
 
 void LiveLayer::reset(const LayerDoc& doc) {
-    surroundings_.wake();
+    dependencies_.wake();
     capture_.discard();
     permission_.setClosed(true);
     waiting_.clear();
@@ -107,7 +107,7 @@ void LiveLayer::fill() {
     if (!fill_ || !fill_->isDone()) return;
     if (fill_->hasFailed()) {
         // The session has made a doc from the same parts. Shows that one.
-        if (const LayerDoc* view = surroundings_.view()) reset(*view);
+        if (const LayerDoc* view = dependencies_.view()) reset(*view);
         return;
     }
     const bool wasFilled = bool(store_);
@@ -115,7 +115,7 @@ void LiveLayer::fill() {
     {
         const EditPermission::OwnWrites permitted(permission_);
         if (!wasFilled)
-            store_ = std::make_unique<usd::SdfLayerStore>(layer_, surroundings_.source, &capture_);
+            store_ = std::make_unique<usd::SdfLayerStore>(layer_, dependencies_.source, &capture_);
         // Sdf does not compare a streaming layer with its new content, and notifies that all was
         // replaced.
         expectsReplacement_ =
@@ -125,7 +125,7 @@ void LiveLayer::fill() {
         fill_.reset();
         uses_.replace(std::move(named));
     }
-    if (!filled) surroundings_.report(filled.error());
+    if (!filled) dependencies_.report(filled.error());
     Block block;
     for (const auto& [path, action] : std::exchange(waiting_, {})) applyNow(path, action, block);
     noteUses();
@@ -140,7 +140,7 @@ void LiveLayer::apply(const std::string& path, const EditAction& action, Block& 
 
 void LiveLayer::applyNow(const std::string& path, const EditAction& action, Block& block) {
     if (apart_.take(path, action))
-        surroundings_.wake();
+        dependencies_.wake();
     else
         write(path, action, block);
 }
@@ -154,7 +154,7 @@ void LiveLayer::write(const std::string& path, const EditAction& action, Block& 
     const auto applied = store_->apply(path, action, block);
     noteNames(path, action);
     if (!applied && !layer_->IsMuted())
-        surroundings_.report(
+        dependencies_.report(
             {applied.error().code, id_.value + " <" + path + ">: " + applied.error().message});
 }
 
@@ -197,7 +197,7 @@ Capture::Sealed LiveLayer::seal() {
     if (writtenBeforeMuted_ && layer_->IsMuted()) return sealMuted();
     if (startOver_) startOver();
     Capture::Sealed sealed;
-    if (hasWrites()) sealed = capture_.seal(*store_, surroundings_.sink);
+    if (hasWrites()) sealed = capture_.seal(*store_, dependencies_.sink);
     for (const auto& edit : sealed.edits) noteNames(edit.path, edit.action);
     if (std::exchange(reloadedWritten_, false))
         sealed.lost.push_back(
@@ -217,7 +217,7 @@ Capture::Sealed LiveLayer::sealMuted() {
     pxr::SdfLayer::RemoveFromMutedLayers(path);
     capture_.discard();
     capture_.contentReplaced();
-    auto sealed = capture_.seal(*store_, surroundings_.sink);
+    auto sealed = capture_.seal(*store_, dependencies_.sink);
     pxr::SdfLayer::AddToMutedLayers(path);
     writtenBeforeMuted_ = false;
     startOver_ = true;
@@ -229,7 +229,7 @@ void LiveLayer::startOver() {
     capture_.discard();
     if (layer_->IsMuted()) return;
     startOver_ = false;
-    if (const LayerDoc* view = surroundings_.view()) reset(*view);
+    if (const LayerDoc* view = dependencies_.view()) reset(*view);
 }
 
 void LiveLayer::blobArrived(const Hash& hash) {
@@ -237,7 +237,7 @@ void LiveLayer::blobArrived(const Hash& hash) {
     std::vector<std::string> named;
     store_->blobArrived(hash, [&](const std::string& path, const std::string& field) {
         if (usd::namesClips(field)) named.push_back(path);
-        const LayerDoc* view = surroundings_.view();
+        const LayerDoc* view = dependencies_.view();
         return view ? view->field(path, field) : nullptr;
     });
     for (const std::string& path : named)
@@ -250,14 +250,14 @@ void LiveLayer::onReplaced(const pxr::SdfNotice::LayerDidReplaceContent& notice)
         reloaded();
     else
         capture_.contentReplaced();
-    surroundings_.wake();
+    dependencies_.wake();
 }
 
 // Sdf has read the layer's file, which has no content or that of the last save. It notifies stages
 // afterwards that everything may have changed; they find the content of the project.
 void LiveLayer::reloaded() {
     reloadedWritten_ |= std::exchange(written_, false);
-    const LayerDoc* view = surroundings_.view();
+    const LayerDoc* view = dependencies_.view();
     if (fill_ || !view || layer_->IsMuted()) {
         startOver_ = true;
         permission_.setClosed(true);  // edits would be lost until it is filled again
@@ -265,10 +265,10 @@ void LiveLayer::reloaded() {
     }
     capture_.discard();
     apart_ = {};
-    usd::LayerFill fill(layer_, surroundings_.source);
+    usd::LayerFill fill(layer_, dependencies_.source);
     fill.add(*view);
     if (const auto filled = fill.into(*store_, usd::LayerFill::Notices::None); !filled)
-        surroundings_.report(filled.error());
+        dependencies_.report(filled.error());
 }
 
 void LiveLayer::onChanged(const pxr::SdfNotice::LayersDidChangeSentPerLayer& notice) {
@@ -280,14 +280,14 @@ void LiveLayer::onChanged(const pxr::SdfNotice::LayersDidChangeSentPerLayer& not
 
 void LiveLayer::onSaved(const pxr::SdfNotice::LayerDidSaveLayerToFile&) {
     saved_ = true;
-    surroundings_.wake();
+    dependencies_.wake();
 }
 
 void LiveLayer::onMuteness(const pxr::SdfNotice::LayerMutenessChanged& notice) {
     if (notice.GetLayerPath() != layer_->GetIdentifier()) return;
     writtenBeforeMuted_ = notice.WasMuted() && isFilled() && !startOver_ && capture_.hasWrites();
     startOver_ = true;
-    surroundings_.wake();
+    dependencies_.wake();
 }
 
 }  // namespace usdlive::client

@@ -30,7 +30,7 @@ namespace usdlive::client {
 /// may write, and its writes are captured. This object keeps the layer in memory.
 class LiveLayer final : public pxr::TfWeakBase {
 public:
-    struct Surroundings {
+    struct Dependencies {
         BlobSource& source;
         BlobSource& workerSource;  ///< the same for any thread; missing values are not requested
         BlobSink& sink;
@@ -49,7 +49,7 @@ public:
         Capture::Named layersNamed = [](const auto&) {};
     };
 
-    LiveLayer(LayerId id, pxr::SdfLayerRefPtr layer, Surroundings surroundings);
+    LiveLayer(LayerId id, pxr::SdfLayerRefPtr layer, Dependencies dependencies);
     /// The layer keeps its content and the permission that the editor has set.
     ~LiveLayer();
 
@@ -59,7 +59,7 @@ public:
     [[nodiscard]] bool isFilled() const { return store_ && !fill_; }
     /// Returns the session's view of the layer if isFilled(), otherwise nullptr.
     [[nodiscard]] const LayerDoc* content() const {
-        return isFilled() ? surroundings_.view() : nullptr;
+        return isFilled() ? dependencies_.view() : nullptr;
     }
 
     /// Call it when another user has locked or unlocked the layer (LK1), or the user's role has
@@ -142,7 +142,7 @@ private:
 
     const LayerId id_;
     const pxr::SdfLayerRefPtr layer_;
-    const Surroundings surroundings_;
+    const Dependencies dependencies_;
     Capture capture_;
     std::unique_ptr<usd::SdfLayerStore> store_;  // set when the layer gets its first content
     std::unique_ptr<BackgroundFill> arriving_;

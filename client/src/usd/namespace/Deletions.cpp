@@ -83,7 +83,7 @@ private:
 
 }  // namespace
 
-void Deletions::settle(Plan& plan) {
+void Deletions::addDeleted(Plan& plan) {
     const bool isNeeded = std::ranges::any_of(
         plan.reportedDeleted, [](const auto& reported) { return !reported.empty(); });
     if (!after_ && !isNeeded) return;

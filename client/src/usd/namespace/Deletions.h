@@ -17,7 +17,7 @@ public:
 
     /// Adds the deleted objects to `plan.objects`. Called for each plan, before its changes are
     /// made in the stages.
-    void settle(Plan& plan);
+    void addDeleted(Plan& plan);
 
 private:
     const Stages& stages_;

@@ -176,7 +176,7 @@ private:
             std::vector<Plan> plans{naming::planEdit(stages, edits_.front(), options_)};
             result.errors = plans.front().errors;
             result.warnings = plans.front().warnings;
-            if (result) naming::Deletions(stages).settle(plans.front());
+            if (result) naming::Deletions(stages).addDeleted(plans.front());
             return plans;
         }
         auto plans = planApart(stages);
@@ -208,7 +208,7 @@ private:
         naming::Deletions deletions(scratch.stages());
         for (std::size_t i = 0; i < edits_.size(); ++i) {
             auto plan = naming::planEdit(scratch.stages(), edits_[i], options_);
-            if (plan.errors.empty()) deletions.settle(plan);
+            if (plan.errors.empty()) deletions.addDeleted(plan);
             auto real = scratch.toReal(std::move(plan));
             for (const auto& error : real.errors) result.errors.push_back(named(i) + error);
             for (const auto& warning : real.warnings) result.warnings.push_back(named(i) + warning);

@@ -286,7 +286,7 @@ void PlainFiles::fetchUsed() {
     });
 }
 
-PlainFiles::News PlainFiles::takeNews() {
+PlainFiles::Changes PlainFiles::takeChanges() {
     const std::lock_guard lock(state_->mutex);
     const auto changed = std::exchange(state_->changed, {});
     const auto arrived = std::exchange(state_->arrived, {});

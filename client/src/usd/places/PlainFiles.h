@@ -74,16 +74,16 @@ public:
     /// Requests the list of files as soon as possible. Returns a number for isReported().
     [[nodiscard]] std::uint64_t askSoon();
     /// Returns true when the list that askSoon() has requested is here, or could not be fetched,
-    /// and takeNews() has returned what it changed.
+    /// and takeChanges() has returned what it changed.
     [[nodiscard]] bool isReported(std::uint64_t list) const;
     /// The files to which something has happened, sorted.
-    struct News {
+    struct Changes {
         std::vector<std::string> changed;  ///< were added, changed or removed in the project
         std::vector<std::string> arrived;  ///< were needed by a Tick, and are here
         [[nodiscard]] bool isEmpty() const { return changed.empty() && arrived.empty(); }
     };
     /// Returns what has happened since the last call.
-    [[nodiscard]] News takeNews();
+    [[nodiscard]] Changes takeChanges();
     /// Loads layers again that were made from these files, except for unsaved and live ones, and
     /// lets stages resolve their asset paths again. Returns the files of which no layer is loaded.
     std::vector<std::string> reload(

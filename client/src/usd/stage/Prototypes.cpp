@@ -55,7 +55,7 @@ Prototype& Prototypes::forKey(const InstanceKey& key) {
     return *prototype;
 }
 
-pxr::SdfPathVector Prototypes::settle(std::set<Prototype*>& changed) {
+pxr::SdfPathVector Prototypes::assignSources(std::set<Prototype*>& changed) {
     const auto forgotten = std::exchange(forgotten_, {});
     std::set<SdfPath> added;
     std::map<Prototype*, SdfPath> firstAdded;

@@ -36,23 +36,23 @@ struct Prototype {
     PrimNodePtr root;
 };
 
-/// Several threads report instances while prims are composed. settle() then assigns each instance
-/// to its prototype. The first instance of a new prototype becomes the source, so that its children
-/// are composed in the same pass.
+/// Several threads report instances while prims are composed. assignSources() then assigns each
+/// instance to its prototype. The first instance of a new prototype becomes the source, so that its
+/// children are composed in the same pass.
 class Prototypes {
 public:
     /// Records an instance; several threads may call it at once. Returns true if the instance is a
     /// source, so that its children must be composed.
     bool found(const pxr::SdfPath& index, InstanceKey key);
     /// Removes the instances at and below a path. A prototype keeps its source if that is found
-    /// again. Otherwise settle() selects another one: of the instances that the prototype had
-    /// before, or else of the new ones, as pxr.Usd does. Instances with equal keys can differ
+    /// again. Otherwise assignSources() selects another one: of the instances that the prototype
+    /// had before, or else of the new ones, as pxr.Usd does. Instances with equal keys can differ
     /// below.
     void forget(const pxr::SdfPath& prefix);
     /// Assigns all recorded instances to prototypes, and adds prototypes with a new source to
     /// `changed`. Returns sources whose children are not composed yet. Composing them may find more
     /// instances.
-    [[nodiscard]] pxr::SdfPathVector settle(std::set<Prototype*>& changed);
+    [[nodiscard]] pxr::SdfPathVector assignSources(std::set<Prototype*>& changed);
     /// Changes the key of a prototype. Returns false if another prototype has the new key; nothing
     /// changes then.
     bool rekey(Prototype& prototype, const InstanceKey& key);
@@ -82,7 +82,7 @@ private:
     std::unordered_multimap<pxr::PcpInstanceKey, Prototype*, pxr::PcpInstanceKey::Hash> byArcs_;
     std::map<pxr::SdfPath, Prototype*> byInstance_, bySource_;
     std::map<Prototype*, pxr::SdfPath> sourceless_;  // with their previous source
-    std::map<pxr::SdfPath, Prototype*> forgotten_;   // instances, until settle()
+    std::map<pxr::SdfPath, Prototype*> forgotten_;   // instances, until assignSources()
     std::size_t created_ = 0;
 };
 

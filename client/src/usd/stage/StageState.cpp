@@ -76,8 +76,8 @@ StageState::StageState(Stage& owner, pxr::SdfLayerRefPtr rootOfStage,
 StageState::~StageState() {
     pxr::TfNotice::Revoke(changedKey_);
     nodes_.clear();
-    bury(*root);
-    for (const auto& prototype : prototypes.all()) bury(*prototype->root);
+    detach(*root);
+    for (const auto& prototype : prototypes.all()) detach(*prototype->root);
 }
 
 PrimNode* StageState::find(const SdfPath& path) const {
@@ -133,7 +133,7 @@ void StageState::composeIndexes(pxr::SdfPathVector roots, std::set<Prototype*>& 
         composition.cache().GetLayerStackIdentifier().pathResolverContext);
     do {
         composition.composeInParallel(roots);
-        roots = prototypes.settle(changed);
+        roots = prototypes.assignSources(changed);
     } while (!roots.empty());
 }
 
@@ -157,7 +157,7 @@ void StageState::noteUnmoved(const PcpPrimIndex& index) {
                    node.GetArcType() != pxr::PcpArcTypeRelocate &&
                    pxr::PcpTranslatePathFromNodeToRoot(node, node.GetPath()) != index.GetPath());
     if (!unmoved) return;
-    const std::scoped_lock lock(retiredMutex_);
+    const std::scoped_lock lock(removedMutex_);
     unmoved_.insert(index.GetPath());
 }
 
@@ -284,7 +284,7 @@ void StageState::composeChildren(PrimNode& node, const Paths* only) {
             node.children.emplace_back(pxr::TfDelegatedCountIncrementTag,
                                        new PrimNode(this, node.path.AppendChild(names[i]), &node));
         }
-        for (auto& [name, child] : before) retire(std::move(child));
+        for (auto& [name, child] : before) removeLater(std::move(child));
     }
     const auto composeOne = [&](std::size_t i) {
         auto& child = *node.children[i];
@@ -305,7 +305,7 @@ void StageState::composeChildren(PrimNode& node, const Paths* only) {
     // Pcp has no index for a prim that it could not compose.
     std::erase_if(node.children, [&](PrimNodePtr& child) {
         if (child->index) return false;
-        retire(child);
+        removeLater(child);
         return true;
     });
 }
@@ -318,15 +318,15 @@ void StageState::composePrototype(Prototype& prototype) {
     compose(*prototype.root);
 }
 
-void StageState::retire(PrimNodePtr node) {
-    const std::scoped_lock lock(retiredMutex_);
-    retired_.push_back(std::move(node));
+void StageState::removeLater(PrimNodePtr node) {
+    const std::scoped_lock lock(removedMutex_);
+    removed_.push_back(std::move(node));
 }
 
-void StageState::bury(PrimNode& node) {
+void StageState::detach(PrimNode& node) {
     const auto entry = nodes_.find(node.path);
     if (entry != nodes_.end() && entry->second == &node) nodes_.erase(entry);
-    for (const auto& child : std::exchange(node.children, {})) bury(*child);
+    for (const auto& child : std::exchange(node.children, {})) detach(*child);
     node.stage = nullptr;
     node.parent = nullptr;
     node.index = nullptr;

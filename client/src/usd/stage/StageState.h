@@ -71,8 +71,8 @@ private:
     void composeChildren(PrimNode& node, const Paths* only);
     void composePrototype(Prototype& prototype);
     [[nodiscard]] pxr::TfTokenVector childNames(const PrimNode& node) const;
-    void retire(PrimNodePtr node);
-    void bury(PrimNode& node);
+    void removeLater(PrimNodePtr node);
+    void detach(PrimNode& node);
     void enter(PrimNode& node);
     void readFallbackTypes();
     void noteUnmoved(const pxr::PcpPrimIndex& index);
@@ -111,8 +111,8 @@ private:
 
     const std::thread::id thread_ = std::this_thread::get_id();
     std::unordered_map<pxr::SdfPath, PrimNode*, pxr::SdfPath::Hash> nodes_;
-    std::mutex retiredMutex_;  // guards retired_ and unmoved_ while prims are composed
-    std::vector<PrimNodePtr> retired_;
+    std::mutex removedMutex_;  // guards removed_ and unmoved_ while prims are composed
+    std::vector<PrimNodePtr> removed_;
     // Prims at the sources of relocates that are shown nevertheless, because a prim that they
     // specialize has opinions on them. A path stays here when its prim is removed.
     Paths unmoved_;

@@ -316,21 +316,22 @@ void StageState::follow(pxr::PcpChanges& changes, Gathered& gathered) {
     moveToPrototypes(gathered);
     dropHidden(*this, gathered);
 
-    StageChanges told;
+    StageChanges reported;
     std::erase_if(gathered.types,
                   [&](const SdfPath& one) { return isBelowAny(gathered.recompose, one); });
     for (const auto& path : gathered.types)
         if (auto* node = find(path); node && node->parent) composeType(*node);
-    told.resynced = std::move(gathered.recompose);
-    told.resynced.merge(gathered.types);
-    told.resynced.merge(gathered.properties);
-    dropDescendants(told.resynced);
+    reported.resynced = std::move(gathered.recompose);
+    reported.resynced.merge(gathered.types);
+    reported.resynced.merge(gathered.properties);
+    dropDescendants(reported.resynced);
     for (auto& [path, fields] : gathered.info)
-        if (!isBelowAny(told.resynced, path)) told.changedInfo.emplace(path, std::move(fields));
+        if (!isBelowAny(reported.resynced, path))
+            reported.changedInfo.emplace(path, std::move(fields));
     dropDescendants(gathered.assets);
     for (const auto& path : gathered.assets)
-        if (!isBelowAny(told.resynced, path)) told.assetPathsResynced.insert(path);
-    if (!told.isEmpty()) notify(told);
+        if (!isBelowAny(reported.resynced, path)) reported.assetPathsResynced.insert(path);
+    if (!reported.isEmpty()) notify(reported);
 }
 
 // Composes the sources of relocates again if Pcp composes their targets again.
@@ -410,7 +411,7 @@ void StageState::recompose(Paths& resynced) {
         for (auto* prototype : prototypes.sourcedUnder(path)) changed.insert(prototype);
         prototypes.forget(path);
     }
-    // This is needed without roots too, because settle() must assign new sources.
+    // This is needed without roots too, because assignSources() must assign new sources.
     composeIndexes(roots, changed);
     const auto unused = prototypes.takeUnused();
     for (const auto& prototype : unused) changed.erase(prototype.get());
@@ -451,9 +452,9 @@ void StageState::recompose(Paths& resynced) {
     }
     for (const auto& prototype : unused) {
         resynced.insert(prototype->path);
-        if (prototype->root) bury(*prototype->root);
+        if (prototype->root) detach(*prototype->root);
     }
-    for (const auto& node : std::exchange(retired_, {})) bury(*node);
+    for (const auto& node : std::exchange(removed_, {})) detach(*node);
     for (const auto& path : hidden)
         if (!shownBy(path)) resynced.erase(path);
     dropDescendants(resynced);
@@ -493,7 +494,7 @@ void StageState::reorder(Gathered& gathered) {
         resync(after, all);
         if (before != after) gathered.info[path].insert(pxr::SdfChildrenKeys->PrimChildren);
     }
-    for (const auto& node : std::exchange(retired_, {})) bury(*node);
+    for (const auto& node : std::exchange(removed_, {})) detach(*node);
 }
 
 // Replaces paths inside instances by those of the prototype's prims.

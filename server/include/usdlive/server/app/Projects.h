@@ -76,7 +76,7 @@ private:
         unsigned missing = 0;  ///< how often in a row its folder was missing
         bool isNamed = false;  ///< given on the command line, so it is never removed
         /// Serving or Failed, as it was last logged, or read by whoever waited for open().
-        std::optional<ServedProject::State> told;
+        std::optional<ServedProject::State> reported;
         std::function<void(Result<void>)> opened = {};  ///< see openLiveSession()
         std::function<void()> closed = {};              ///< see closeLiveSession()
     };

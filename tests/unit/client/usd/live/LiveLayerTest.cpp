@@ -101,7 +101,7 @@ protected:
     LayerDoc view;
     std::vector<Error> errors;
     LiveLayer live{LayerId{"a.usda"}, pxr::SdfLayer::CreateAnonymous(".usda"),
-                   LiveLayer::Surroundings{blobs, blobs, blobs, worker, [this] { return &view; },
+                   LiveLayer::Dependencies{blobs, blobs, blobs, worker, [this] { return &view; },
                                            [this](Error error) { errors.push_back(error); }, [] {},
                                            [](const auto&) {}}};
 };
@@ -192,7 +192,7 @@ TEST_F(LiveLayerTest, ALayerThatIsClosedMeanwhileKeepsItsContent) {
     const auto layer = pxr::SdfLayer::CreateAnonymous(".usda");
     {
         LiveLayer closed{LayerId{"b.usda"}, layer,
-                         LiveLayer::Surroundings{blobs, blobs, blobs, worker, [&] { return &doc; },
+                         LiveLayer::Dependencies{blobs, blobs, blobs, worker, [&] { return &doc; },
                                                  [](Error) {}, [] {}, [](const auto&) {}}};
         closed.reset(doc);
         closed.fill();
