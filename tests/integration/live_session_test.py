@@ -181,7 +181,17 @@ def test_lv3_lv4_sessions_are_listed_ended_restored_and_deleted(project, serve):
     with join(server, "dusk", "bo") as bo:
         bo.open_layer("root.usda").GetAttributeAtPath("/World.number").default = 2
         assert bo.flush(20)
+        assert listed(server)["dusk"]["users"] == ["bo"]
+        with join(server, "dusk", "ann"), join(server, "dusk", "ann"), connect(server, "cy"):
+            run("session", "create", server.url, "empty")
+            assert {name: one["users"] for name, one in listed(server).items()} == {"dusk": ["ann", "bo"], "empty": []}
+            assert ", in it: ann, bo  ws://" in run("session", "list", server.url)
+            assert [one.users for one in usdlive.sessions(server.url).list()] == [("ann", "bo"), ()]
+        run("session", "end", server.url, "empty")
+        run("session", "delete", server.url, "empty")
+        wait(lambda: listed(server)["dusk"]["users"] == ["bo"])
         run("session", "end", server.url, "dusk")
+        assert listed(server)["dusk"]["users"] == []
         assert bo.wait(lambda: not bo.connected, 20)
         assert "ended already" in refused("session", "end", server.url, "dusk")
         assert "dusk" in refused("ls", at(server, "dusk"))

@@ -13,6 +13,7 @@ import types
 import zlib
 
 import pytest
+import usdlive
 from conftest import Peer, run
 from page_client import Gateway
 from page_screen import CHROMIUM, SOFTWARE, VIEWPORT, Screen
@@ -816,6 +817,11 @@ def test_live_sessions_are_listed_made_and_deleted(studio, gateways, screens):
     # Changes of others are seen without a reload.
     run("session", "create", studio.url, "dusk")
     screen.until(lambda: tab.query_selector(row_of("dusk")), "a session that was made elsewhere is in the list")
+    with usdlive.connect(f"{studio.url}?session=dusk", user=script):
+        screen.until(lambda: tab.query_selector(f"{row_of('dusk')} .session-users"), "somebody is in the session")
+        assert tab.inner_text(f"{row_of('dusk')} .session-users").endswith(f"In it: {script}")
+        screen.shot("session-users")
+    screen.until(lambda: not tab.query_selector(f"{row_of('dusk')} .session-users"), "nobody is in the session")
     tab.click("[aria-label='Open dusk']")
     tab.click("[aria-label='Copy the command that opens dusk']")
     screen.sees("The command was copied.")

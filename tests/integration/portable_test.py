@@ -257,6 +257,17 @@ def test_a_layer_that_is_closed_has_sent_its_edits(served, portable):
     assert editor.run("result = [kept.permissionToEdit, live.opened_layer('sub.usda')]") == [False, None]
 
 
+def test_a_layer_that_is_closed_without_a_server_sends_its_edits_later(served, portable):
+    server = served()
+    editor = portable(server, OLDEST, "ada")
+    editor.run("kept = live.open_layer('sub.usda')")
+    server.kill()
+    editor.run("assert live.wait(lambda: not live.connected, 20); Sdf.PrimSpec(kept, 'Last', Sdf.SpecifierDef); live.close_layer('sub.usda')")
+    server.start()
+    editor.run("assert live.wait(lambda: live.connected, 20) and live.flush(20)")
+    assert 'def "Last"' in cat(server, "sub.usda")
+
+
 def test_a_big_array_arrives(served, portable):
     server = served()
     old, fast, new = (portable(server, version, user) for version, user in USERS)

@@ -329,6 +329,9 @@ nb::dict toDictionary(const client::SessionInfo& session) {
     d["ended"] = session.isEnded;
     d["merged"] = session.merged;
     d["problem"] = text(session.problem);
+    nb::list users;
+    for (const UserName& user : session.users) users.append(text(user.value));
+    d["users"] = nb::tuple(users);
     return d;
 }
 

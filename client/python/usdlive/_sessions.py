@@ -15,7 +15,7 @@ Side = typing.Literal["main", "session"]
 class LiveSession:
     """A live session. `connect(address)` joins it. `time`: when it was created, in seconds since 1970. `revision`: the one of
     the main line from which it is. `ended`: nobody can join it. `merged`: the revision of the main line that has its changes,
-    or 0. `problem`: why it cannot be opened, or ""."""
+    or 0. `problem`: why it cannot be opened, or "". `users`: who was in it when the server answered; only of `list()`."""
 
     name: str
     address: str
@@ -25,6 +25,7 @@ class LiveSession:
     ended: bool
     merged: int
     problem: str
+    users: tuple[str, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True)

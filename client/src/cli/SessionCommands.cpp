@@ -27,7 +27,8 @@ Json sessionJson(const client::ListedLiveSession& one, const client::ServerAddre
     return {{"name", one.name},         {"url", client::liveSessionAddress(server, one.name).url()},
             {"creator", one.creator},   {"time", one.timeMs},
             {"revision", one.revision}, {"ended", one.isEnded},
-            {"merged", one.merged},     {"error", one.error}};
+            {"merged", one.merged},     {"error", one.error},
+            {"users", one.users}};
 }
 
 std::string sessionText(const client::ListedLiveSession& one, const client::ServerAddress& server) {
@@ -35,8 +36,10 @@ std::string sessionText(const client::ListedLiveSession& one, const client::Serv
     if (!one.creator.empty()) text += " by " + one.creator;
     if (one.merged > 0) text += ", merged in " + inRevision(one.merged);
     if (!one.error.empty()) return text + ", cannot be opened: " + one.error;
-    return text +
-           (one.isEnded ? ", ended" : "  " + client::liveSessionAddress(server, one.name).url());
+    if (one.isEnded) return text + ", ended";
+    for (const std::string& user : one.users)
+        text += (&user == &one.users.front() ? ", in it: " : ", ") + user;
+    return text + "  " + client::liveSessionAddress(server, one.name).url();
 }
 
 Result<void> listSessions(const SessionOptions& options) {

@@ -13,10 +13,12 @@ struct ProjectSessions::Place {
     UserName user;
 
     [[nodiscard]] SessionInfo info(const ListedLiveSession& one) const {
-        return {one.name,      liveSessionAddress(server, one.name).url(),
-                {one.creator}, one.timeMs,
-                one.revision,  one.isEnded,
-                one.merged,    one.error};
+        SessionInfo info{one.name,      liveSessionAddress(server, one.name).url(),
+                         {one.creator}, one.timeMs,
+                         one.revision,  one.isEnded,
+                         one.merged,    one.error};
+        for (const std::string& user : one.users) info.users.push_back({user});
+        return info;
     }
     [[nodiscard]] Result<SessionInfo> change(const std::string& name, std::string_view verb,
                                              Revision revision = 0) const {

@@ -37,11 +37,15 @@ std::string encodedName(const std::string& name) {
 }
 
 ListedLiveSession listed(const Json& object) {
-    ListedLiveSession one{
-        valueIn<std::string>(object, "name"),  valueIn<std::string>(object, "creator"),
-        valueIn<std::int64_t>(object, "time"), valueIn<Revision>(object, "revision"),
-        valueIn<Revision>(object, "begin"),    valueIn<bool>(object, "ended"),
-        valueIn<Revision>(object, "merged"),   valueIn<std::string>(object, "error")};
+    ListedLiveSession one{valueIn<std::string>(object, "name"),
+                          valueIn<std::string>(object, "creator"),
+                          valueIn<std::int64_t>(object, "time"),
+                          valueIn<Revision>(object, "revision"),
+                          valueIn<Revision>(object, "begin"),
+                          valueIn<bool>(object, "ended"),
+                          valueIn<Revision>(object, "merged"),
+                          valueIn<std::string>(object, "error"),
+                          valueIn<std::vector<std::string>>(object, "users")};
     const auto merges = object.find("merges");
     if (merges == object.end() || !merges->is_array()) return one;
     for (const Json& merge : *merges)

@@ -32,6 +32,7 @@ struct ListedLiveSession {
     bool isEnded = false;     ///< nobody can connect; `restore` opens it again
     Revision merged = 0;      ///< revision of the main line that has its changes; 0: none
     std::string error = {};   ///< the reason why it cannot be opened; empty: it can
+    std::vector<std::string> users = {};  ///< the users that are in it
     std::vector<NotedMerge> merges = {};  ///< in the order in which they were noted
 };
 

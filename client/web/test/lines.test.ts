@@ -115,6 +115,7 @@ test("the state of a session is told in a few words", () => {
     ended: false,
     merged: 0,
     problem: "",
+    users: [],
     command: "",
   };
   expect(

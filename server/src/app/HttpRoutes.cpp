@@ -3,9 +3,7 @@
 
 #include <algorithm>
 #include <boost/asio/post.hpp>
-#include <boost/asio/steady_timer.hpp>
 #include <charconv>
-#include <map>
 #include <nlohmann/json.hpp>
 #include <utility>
 
@@ -20,15 +18,12 @@ namespace asio = boost::asio;
 namespace {
 
 using Json = nlohmann::json;
-using std::chrono::milliseconds;
 using State = ServedProject::State;
 
 constexpr std::string_view kSessions = "/live", kFiles = "/files", kLiveSessions = "/sessions",
                            kUsers = "/users";
 constexpr const char* kJson = "application/json";
 constexpr unsigned kBadRequest = 400, kForbiddenPage = 403, kNotFound = 404, kUnavailable = 503;
-// Projects that have not answered after this time are reported as busy.
-constexpr milliseconds kReportTime{1'000};
 constexpr std::size_t kMostNamed = 20;
 
 std::string text(const Json& json) {
@@ -193,9 +188,9 @@ HttpRoute HttpRoutes::route(const HttpTarget& target) {
     const bool isStranger = access_.isRequired() && !user;
     if (asksHowToSignIn) return access_.signInPage(user);
     const Visible visible = visibleTo(user);
-    const auto page = [&](HttpReply (HttpRoutes::*make)(const Reports&) const) {
+    const auto page = [&](HttpReply (HttpRoutes::*make)(const ProjectReports&) const) {
         return HttpPage([this, make, visible](const HttpAnswer& answer) {
-            gather(visible, [this, make, answer](const Reports& reports) {
+            gatherReports(io_, visible, [this, make, answer](const ProjectReports& reports) {
                 answer((this->*make)(reports));
             });
         });
@@ -354,39 +349,8 @@ HttpReply HttpRoutes::notHere(const std::string& what, const Visible& visible) {
             kNotFound};
 }
 
-void HttpRoutes::gather(const Visible& visible, std::function<void(const Reports&)> done) {
-    struct Gathered {
-        std::map<std::string, ServedProject::Report> reports;
-        std::size_t missing = 0;
-        std::function<void(const Reports&)> done;
-        asio::steady_timer timer;
-
-        void end() {
-            if (!done) return;
-            timer.cancel();
-            const Reports all(reports.begin(), reports.end());
-            std::exchange(done, nullptr)(all);
-        }
-    };
-    auto all = std::make_shared<Gathered>(
-        Gathered{{}, visible.size(), std::move(done), asio::steady_timer(io_, kReportTime)});
-    for (ServedProject* project : visible) {
-        all->reports[project->name()].status = "busy";
-        project->report([this, all, name = project->name()](ServedProject::Report report) {
-            asio::post(io_, [all, name, report = std::move(report)]() mutable {
-                all->reports[name] = std::move(report);
-                if (--all->missing == 0) all->end();
-            });
-        });
-    }
-    if (visible.empty()) return all->end();
-    all->timer.async_wait([all](const boost::system::error_code& error) {
-        if (!error) all->end();
-    });
-}
-
 /// Answers somebody who opens the address in a browser.
-HttpReply HttpRoutes::welcome(const Reports& reports) const {
+HttpReply HttpRoutes::welcome(const ProjectReports& reports) const {
     const auto urlOf = [this](const std::string& name) {
         return projects_.areSeveral() ? url_ + "/" + percentEncoded(name) : url_;
     };
@@ -412,7 +376,7 @@ HttpReply HttpRoutes::welcome(const Reports& reports) const {
                 pageHint_ + "\nOther pages\n  /projects  /files  /healthz  /metrics\n"};
 }
 
-HttpReply HttpRoutes::health(const Reports& reports) const {
+HttpReply HttpRoutes::health(const ProjectReports& reports) const {
     Json projects = Json::object();
     bool isWell = true;
     for (const auto& [name, report] : reports) {
@@ -426,13 +390,13 @@ HttpReply HttpRoutes::health(const Reports& reports) const {
     return {kJson, text({{"status", isWell ? "ok" : "degraded"}, {"projects", projects}})};
 }
 
-HttpReply HttpRoutes::briefHealth(const Reports& reports) const {
+HttpReply HttpRoutes::briefHealth(const ProjectReports& reports) const {
     const bool isWell =
         std::ranges::all_of(reports, [](const auto& one) { return one.second.status == "ok"; });
     return {kJson, text({{"status", isWell ? "ok" : "degraded"}})};
 }
 
-HttpReply HttpRoutes::list(const Reports& reports) const {
+HttpReply HttpRoutes::list(const ProjectReports& reports) const {
     Json all = Json::array();
     for (const auto& [name, report] : reports) {
         Json one{{"name", name},
@@ -446,7 +410,7 @@ HttpReply HttpRoutes::list(const Reports& reports) const {
     return {kJson, text({{"projects", all}, {"several", projects_.areSeveral()}})};
 }
 
-HttpReply HttpRoutes::metrics(const Reports& reports) const {
+HttpReply HttpRoutes::metrics(const ProjectReports& reports) const {
     MetricsOfProjects all;
     for (const auto& [name, report] : reports)
         if (report.metrics) all.emplace_back(projects_.areSeveral() ? name : "", report.metrics);

@@ -131,23 +131,38 @@ HttpPage LiveSessions::list(const ServedProject& project) {
     return [this, place = project.place()](const HttpAnswer& answer) {
         inBackground([folder = LiveSessionFolder(place.folder)] { return folder.list(); },
                      [this, place, answer](const std::vector<LiveSessionRecord>& records) {
-                         Json all = Json::array();
-                         for (const LiveSessionRecord& record : records) {
-                             Json one = jsonOf(record);
-                             ProjectPlace its = place;
-                             its.liveSession = record.name;
-                             one["project"] = its.name();
-                             const ServedProject* const served = projects_.find(its.name());
-                             const auto status =
-                                 served ? served->status() : ServedProject::Status();
-                             one["served"] = status.state == ServedProject::State::Serving;
-                             if (status.error)
-                                 one["error"] = served->texts()(*status.error).message;
-                             all.push_back(std::move(one));
-                         }
-                         answer(json({{"project", place.project}, {"sessions", all}}));
+                         answerList(place, records, answer);
                      });
     };
+}
+
+void LiveSessions::answerList(const ProjectPlace& place,
+                              const std::vector<LiveSessionRecord>& records,
+                              const HttpAnswer& answer) {
+    Json all = Json::array();
+    std::vector<ServedProject*> served;
+    for (const LiveSessionRecord& record : records) {
+        Json one = jsonOf(record);
+        ProjectPlace its = place;
+        its.liveSession = record.name;
+        one["project"] = its.name();
+        ServedProject* const project = projects_.find(its.name());
+        const auto status = project ? project->status() : ServedProject::Status();
+        one["served"] = status.state == ServedProject::State::Serving;
+        one["users"] = Json::array();
+        if (one["served"]) served.push_back(project);
+        if (status.error) one["error"] = project->texts()(*status.error).message;
+        all.push_back(std::move(one));
+    }
+    gatherReports(io_, served,
+                  [all = std::move(all), place, answer](const ProjectReports& reports) mutable {
+                      for (const auto& [name, report] : reports)
+                          for (Json& one : all)
+                              if (one["project"] == name)
+                                  for (const UserName& user : report.users)
+                                      one["users"].push_back(user.value);
+                      answer(json({{"project", place.project}, {"sessions", all}}));
+                  });
 }
 
 HttpRoute LiveSessions::change(const ServedProject& project, const Wanted& wanted,

@@ -186,7 +186,8 @@ void ProjectRuntime::stop(std::function<void()> done) {
 ProjectHealth ProjectRuntime::health() const {
     const Project* project = strand_.project();
     if (!project) return {"starting"};
-    return {hasSpace_ ? "ok" : "storageFull", project->durableRevision(), project->sessionCount()};
+    return {hasSpace_ ? "ok" : "storageFull", project->durableRevision(), project->sessionCount(),
+            project->users()};
 }
 
 std::shared_ptr<const MetricFamilies> ProjectRuntime::metrics() const {

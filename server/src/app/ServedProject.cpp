@@ -498,6 +498,7 @@ void ServedProject::report(std::function<void(Report)> done) {
               {},
               health.revision,
               health.sessions,
+              health.users,
               running.runtime().metrics()});
     });
     if (isPosted) return;

@@ -68,7 +68,8 @@ def merged(server: Server, person: Person, wish: Wish) -> dict:
 def _session(one: usdlive.LiveSession) -> dict:
     """`command`: starts a gateway that shows it."""
     return {"name": one.name, "creator": one.creator, "at": one.time, "revision": one.revision, "ended": one.ended,
-            "merged": one.merged, "problem": one.problem, "command": f"usdlive page --open {shlex.quote(one.address)}"}
+            "merged": one.merged, "problem": one.problem, "users": list(one.users),
+            "command": f"usdlive page --open {shlex.quote(one.address)}"}
 
 
 def _line(edit: usdlive.events.Edit) -> str:

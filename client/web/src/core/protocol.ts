@@ -262,6 +262,8 @@ export interface LiveSession {
   merged: number;
   /** Why it cannot be opened; empty: it can. */
   problem: string;
+  /** The users that are in it. */
+  users: string[];
   /** Starts a gateway that shows it. */
   command: string;
 }

@@ -205,6 +205,12 @@ function SessionRow(props: {
           .filter(Boolean)
           .join(" · ")}
       </div>
+      {one.users.length > 0 && (
+        <div class="weak session-users">
+          <span aria-hidden="true">● </span>
+          {`In it: ${one.users.join(", ")}`}
+        </div>
+      )}
       {one.problem && <p class="refusal">{one.problem}</p>}
       <div class="actions">
         {mayEdit && !one.ended && (

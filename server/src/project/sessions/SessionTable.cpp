@@ -101,10 +101,22 @@ Session* SessionTable::greeted(SessionId id) {
     return session && session->isGreeted() ? session : nullptr;
 }
 
+// True for a session that said hello and is not closing.
+static bool isClient(const Session& session) {
+    return !session.client.value.empty() && !session.isClosing();
+}
+
 std::size_t SessionTable::clients() const {
-    return std::size_t(std::ranges::count_if(sessions_, [](const auto& one) {
-        return !one.second.client.value.empty() && !one.second.isClosing();
-    }));
+    return std::size_t(
+        std::ranges::count_if(sessions_, [](const auto& one) { return isClient(one.second); }));
+}
+
+std::set<UserName> SessionTable::users() const {
+    std::set<UserName> users;
+    for (const auto& [id, session] : sessions_)
+        if (isClient(session) && !session.subject.user.value.empty())
+            users.insert(session.subject.user);
+    return users;
 }
 
 bool SessionTable::isUserConnected(const UserName& user) const {

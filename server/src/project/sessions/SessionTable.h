@@ -50,6 +50,8 @@ public:
     [[nodiscard]] const std::map<SessionId, Session>& all() const { return sessions_; }
     /// Returns the number of sessions that said hello and are not closing.
     [[nodiscard]] std::size_t clients() const;
+    /// Returns the users of these sessions.
+    [[nodiscard]] std::set<UserName> users() const;
     /// Returns whether the user has a session.
     [[nodiscard]] bool isUserConnected(const UserName& user) const;
     [[nodiscard]] bool isConnected(const ClientId& client) const;

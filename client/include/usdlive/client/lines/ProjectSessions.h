@@ -21,11 +21,12 @@ struct SessionInfo {
     std::string name;
     std::string address;  ///< joins it: Client::connect(address)
     UserName creator;
-    std::int64_t timeMs = 0;   ///< when it was created, in milliseconds since 1970
-    Revision revision = 0;     ///< the revision of the main line from which it is
-    bool isEnded = false;      ///< nobody can join it; restore() opens it again
-    Revision merged = 0;       ///< revision of the main line that has its changes; 0: none
-    std::string problem = {};  ///< the reason why it cannot be opened; empty: it can
+    std::int64_t timeMs = 0;           ///< when it was created, in milliseconds since 1970
+    Revision revision = 0;             ///< the revision of the main line from which it is
+    bool isEnded = false;              ///< nobody can join it; restore() opens it again
+    Revision merged = 0;               ///< revision of the main line that has its changes; 0: none
+    std::string problem = {};          ///< the reason why it cannot be opened; empty: it can
+    std::vector<UserName> users = {};  ///< were in it when the server answered; only of list()
 };
 
 /// Which line's change counts where both have changed the same.

@@ -11,6 +11,7 @@
 
 #include "usdlive/server/app/AccessControl.h"
 #include "usdlive/server/app/LiveSessions.h"
+#include "usdlive/server/app/ProjectReports.h"
 #include "usdlive/server/app/Projects.h"
 #include "usdlive/server/transport/HttpServer.h"
 
@@ -43,7 +44,6 @@ public:
 private:
     /// Nothing: users do not sign in.
     using User = std::optional<SignedIn>;
-    using Reports = std::vector<std::pair<std::string, ServedProject::Report>>;
     using Visible = std::vector<ServedProject*>;
 
     /// Without live sessions.
@@ -71,13 +71,12 @@ private:
     [[nodiscard]] static HttpReply unavailable(const ServedProject& project);
     [[nodiscard]] static HttpReply noSuchProject(const std::string& name, const Visible& visible);
     [[nodiscard]] static HttpReply notHere(const std::string& what, const Visible& visible);
-    void gather(const Visible& visible, std::function<void(const Reports&)> done);
-    [[nodiscard]] HttpReply welcome(const Reports& reports) const;
-    [[nodiscard]] HttpReply health(const Reports& reports) const;
+    [[nodiscard]] HttpReply welcome(const ProjectReports& reports) const;
+    [[nodiscard]] HttpReply health(const ProjectReports& reports) const;
     /// The health for those who have not signed in: without names.
-    [[nodiscard]] HttpReply briefHealth(const Reports& reports) const;
-    [[nodiscard]] HttpReply list(const Reports& reports) const;
-    [[nodiscard]] HttpReply metrics(const Reports& reports) const;
+    [[nodiscard]] HttpReply briefHealth(const ProjectReports& reports) const;
+    [[nodiscard]] HttpReply list(const ProjectReports& reports) const;
+    [[nodiscard]] HttpReply metrics(const ProjectReports& reports) const;
 
     boost::asio::io_context& io_;
     const Projects& projects_;

@@ -10,6 +10,7 @@
 
 #include "usdlive/server/app/AuditLog.h"
 #include "usdlive/server/app/LiveSessionFolder.h"
+#include "usdlive/server/app/ProjectReports.h"
 #include "usdlive/server/app/Projects.h"
 #include "usdlive/server/app/Workers.h"
 #include "usdlive/server/transport/HttpServer.h"
@@ -51,6 +52,8 @@ private:
     struct Change;
     using ChangePtr = std::shared_ptr<Change>;
 
+    void answerList(const ProjectPlace& place, const std::vector<LiveSessionRecord>& records,
+                    const HttpAnswer& answer);
     void create(const ChangePtr& change);
     void open(const ChangePtr& change, const Result<LiveSessionRecord>& record);
     void end(const ChangePtr& change);

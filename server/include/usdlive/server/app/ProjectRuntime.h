@@ -58,6 +58,7 @@ struct ProjectHealth {
     std::string_view status = "ok";  ///< or "storageFull", "starting"
     Revision revision = 0;           ///< durable
     std::size_t sessions = 0;
+    std::set<UserName> users = {};  ///< have the sessions
 };
 
 /// A project at run time: the Project, its ports and its periodic work. The project's strand is the

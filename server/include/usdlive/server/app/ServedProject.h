@@ -50,6 +50,7 @@ public:
         std::string reason = {};  ///< for "failed"
         Revision revision = 0;
         std::size_t sessions = 0;
+        std::set<UserName> users = {};  ///< have the sessions
         /// Set only while the project is served.
         std::shared_ptr<const MetricFamilies> metrics = {};
     };

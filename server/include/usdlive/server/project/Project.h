@@ -273,6 +273,8 @@ public:
     [[nodiscard]] Revision durableRevision() const;
     [[nodiscard]] const ProjectCounters& counters() const;
     [[nodiscard]] std::size_t sessionCount() const;
+    /// Returns the users of the sessions that sessionCount() counts.
+    [[nodiscard]] std::set<UserName> users() const;
     /// Returns whose session it is; nullptr before its hello, and for an unknown session.
     [[nodiscard]] const Subject* subjectOf(SessionId session) const;
     /// Returns a loaded layer with all executed commits, durable or not; nullptr if it is not
