@@ -20,4 +20,5 @@ def _keep_all() -> None:
             ctypes.pythonapi.Py_IncRef(ctypes.py_object(stage))
 
 
-os.register_at_fork(after_in_child=_keep_all)
+if hasattr(os, "register_at_fork"):  # not on Windows
+    os.register_at_fork(after_in_child=_keep_all)
