@@ -73,6 +73,19 @@ def set_radius(live, value):
     return live.revision
 
 
+
+def test_a_file_may_have_the_name_of_an_address(project, serve):
+    for name in ("live", "users", "sessions", "files", "healthz", "files.d/live"):
+        (project / name).parent.mkdir(exist_ok=True)
+        (project / name).write_text(f"the file {name}")
+    server = serve(project)
+    for prefix in ("", "/shots"):
+        for name in ("live", "users", "sessions", "files", "healthz", "files.d/live"):
+            assert get(server, f"{prefix}/files/{name}")[::2] == (200, f"the file {name}".encode())
+    with connect(server, "ada") as ada:
+        assert ada.open_layer("shot.usda")
+
+
 def test_every_file_of_the_project_is_listed_and_served(serve, project):
     server = serve(project)
     listing, files = listed(server)

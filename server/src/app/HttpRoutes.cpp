@@ -210,9 +210,15 @@ HttpRoute HttpRoutes::route(const HttpTarget& target) {
         if (name.empty()) return notHere("the address names no project", visible);
         return noSuchProject(percentDecoded(name.substr(1)).value_or(""), visible);
     };
-    if (path.ends_with(kSessions))
+    const auto ofSessions = [&] {
         return ofProject(kSessions,
                          [&](ServedProject& project) { return sessionsOf(project, user, target); });
+    };
+    // Files come first, because a file may have the name "live", unless a project is called
+    // "files".
+    if (path.size() > kSessions.size() && path.ends_with(kSessions) &&
+        named(path.substr(1, path.size() - kSessions.size() - 1), visible))
+        return ofSessions();
     if (const auto files = splitFilesPath(path))
         if (ServedProject* project = named(files->project, visible))
             return filesOf(*project, {.path = files->rest, .query = target.query});
@@ -224,6 +230,7 @@ HttpRoute HttpRoutes::route(const HttpTarget& target) {
             return notHere("the address names no project", visible);
         }
     }
+    if (path.ends_with(kSessions)) return ofSessions();
     if (auto found = liveSessions(target, user, visible)) return std::move(*found);
     if (path.ends_with(kUsers))
         return ofProject(kUsers,
