@@ -140,10 +140,14 @@ def seconds_for(count, batch):
 def test_the_cost_of_a_batch_does_not_explode(batch, most):
     """Checking twice as many edits takes twice as long. To apply them takes more: Sdf itself needs time with the number
     of siblings for each change of a sibling. With the cube of the number they would take eight times as long."""
-    once = [min(times) for times in zip(*(seconds_for(800, batch) for _ in range(2)))]
-    twice = [min(times) for times in zip(*(seconds_for(1600, batch) for _ in range(2)))]
-    assert twice[0] < most * once[0]
-    assert twice[1] < 6 * once[1]
+    once, twice = [], []
+    for _ in range(6):  # some runs take longer than they need
+        once.append(seconds_for(800, batch))
+        twice.append(seconds_for(1600, batch))
+        (checked, applied), (checked_twice, applied_twice) = ([min(times) for times in zip(*one)] for one in (once, twice))
+        if checked_twice < most * checked and applied_twice < 6 * applied:
+            return
+    raise AssertionError((checked, checked_twice, applied, applied_twice))
 
 
 def test_undo_on_another_thread_is_refused():

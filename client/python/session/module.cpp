@@ -381,6 +381,8 @@ NB_MODULE(_session, module) {
         const auto type = valueTypeOf(name);
         return type ? nb::object(nb::int_(int(*type))) : nb::none();
     });
+    // Lets nothing destroy the object any more.
+    module.def("keep_for_ever", [](nb::object object) { object.release(); });
     module.def("join", [](const std::string& invitation) {
         return orRaise([&] {
                    const nb::gil_scoped_release release;

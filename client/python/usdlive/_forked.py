@@ -1,9 +1,10 @@
 """Stages in a process that `fork()` made."""
 
-import ctypes
 import os
 import typing
 import weakref
+
+from . import _session
 
 _stages: "list[weakref.ref[typing.Any]]" = []
 
@@ -17,7 +18,7 @@ def keep_if_forked(stage: typing.Any) -> None:
 def _keep_all() -> None:
     for one in _stages:
         if (stage := one()) is not None:
-            ctypes.pythonapi.Py_IncRef(ctypes.py_object(stage))
+            _session.keep_for_ever(stage)
 
 
 if hasattr(os, "register_at_fork"):  # not on Windows
