@@ -4,9 +4,8 @@
 
 A server whose users sign in. Ten users write 5 edits a second each; the delay from an edit until a colleague has its
 frame. Alone, beside the script of another user, and while that script works at another server of this machine
-("elsewhere"), in turn in the same run, `rounds` times each. The script is a process of its own that runs when
-nothing else wants its core (SCHED_IDLE), and the server has a core that no other process of the benchmark uses, so that it is
-the server's work that competes and not the script's. p50 and p99 are the medians of those of
+("elsewhere"), in turn in the same run, `rounds` times each. The script is a process of its own with the lowest priority
+(nice 19), so that it is the server's work that competes and not the script's. p50 and p99 are the medians of those of
 the rounds, because the machine has moments of its own. `ratio` is p99 beside it to p99 elsewhere (aim: at most 1.1): what
 the users of one server cost each other. `ratioAlone` is p99 beside it to p99 alone, which contains that two cores have
 more to do. `script` is what the script has done in a second.
@@ -72,10 +71,6 @@ class Server:
         self.process, self.port = serve(self.project, program=(BIN / "usdlive-server",), env=self.environment,
                                         stderr=subprocess.DEVNULL)
         self.tokens = [self.join(user) for user in users]
-
-    def use_core(self, core: int) -> None:
-        for thread in os.listdir(f"/proc/{self.process.pid}/task"):
-            os.sched_setaffinity(int(thread), {core})
 
     def command(self, *words: object) -> str:
         return subprocess.run([BIN / "usdlive", *map(str, words)], env=self.environment, check=True,
@@ -210,7 +205,7 @@ class Worker:
 
 def run_script(case: str, port: int, token: str) -> None:
     """Works until SIGTERM, then prints how much it has done."""
-    os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+    os.nice(19)
     ends: list[bool] = []
     signal.signal(signal.SIGTERM, lambda *_: ends.append(True))
     crowd = Crowd(argparse.Namespace(port=port), note_base)
@@ -331,13 +326,9 @@ def beside_script(case: str, editors: Editors, at: Server, seconds: float) -> tu
 
 
 def measure(case: str, rounds: int, seconds: float) -> None:
-    first, *others = sorted(os.sched_getaffinity(0))
     with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryDirectory() as other_folder:
         server, other = Server(pathlib.Path(folder)), Server(pathlib.Path(other_folder))
         try:
-            if others:
-                server.use_core(first)
-                os.sched_setaffinity(0, others)  # the script inherits it
             editors = Editors(server)
             editors.measure(1)  # warms up
             alone, elsewhere, beside, rates, closed, busy = [], [], [], [], 0, 0.0
@@ -369,7 +360,6 @@ def measure(case: str, rounds: int, seconds: float) -> None:
             for one in (server, other):
                 one.process.kill()
                 one.process.wait()
-            os.sched_setaffinity(0, {first, *others})
 
 
 def main() -> None:
