@@ -139,7 +139,7 @@ def enter(folder):
 @pytest.mark.parametrize("situation", ["online", "offline"])
 @pytest.mark.parametrize("first", KINDS)
 def test_nothing_dangles_after_two_edits_that_have_not_seen_each_other(first, situation, project, serve, editor):
-    """Each two kinds in both orders: in one while both are online, in the other offline."""
+    """Two kinds meet in both orders: in one order with a server, in the other one without."""
     at = list(KINDS).index(first)
     seconds = list(KINDS)[at:] if situation == "online" else list(KINDS)[:at + 1]
     scenes = {f"scene{number}": second for number, second in enumerate(seconds)}

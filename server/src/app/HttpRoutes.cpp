@@ -190,9 +190,10 @@ HttpRoute HttpRoutes::route(const HttpTarget& target) {
     const Visible visible = visibleTo(user);
     const auto page = [&](HttpReply (HttpRoutes::*make)(const ProjectReports&) const) {
         return HttpPage([this, make, visible](const HttpAnswer& answer) {
-            gatherReports(io_, visible, [this, make, answer](const ProjectReports& reports) {
-                answer((this->*make)(reports));
-            });
+            gatherReports(io_, visible, make == &HttpRoutes::metrics,
+                          [this, make, answer](const ProjectReports& reports) {
+                              answer((this->*make)(reports));
+                          });
         });
     };
     if (path == "/") return page(&HttpRoutes::welcome);

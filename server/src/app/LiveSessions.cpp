@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <boost/asio/post.hpp>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <utility>
 
@@ -154,13 +155,15 @@ void LiveSessions::answerList(const ProjectPlace& place,
         if (status.error) one["error"] = project->texts()(*status.error).message;
         all.push_back(std::move(one));
     }
-    gatherReports(io_, served,
+    gatherReports(io_, served, false,
                   [all = std::move(all), place, answer](const ProjectReports& reports) mutable {
+                      std::map<std::string, Json> users;
                       for (const auto& [name, report] : reports)
-                          for (Json& one : all)
-                              if (one["project"] == name)
-                                  for (const UserName& user : report.users)
-                                      one["users"].push_back(user.value);
+                          for (const UserName& user : report.users)
+                              users[name].push_back(user.value);
+                      for (Json& one : all)
+                          if (const auto found = users.find(one["project"]); found != users.end())
+                              one["users"] = std::move(found->second);
                       answer(json({{"project", place.project}, {"sessions", all}}));
                   });
 }

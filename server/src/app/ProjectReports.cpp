@@ -16,7 +16,7 @@ namespace asio = boost::asio;
 constexpr std::chrono::milliseconds kReportTime{1'000};
 
 void gatherReports(asio::io_context& io, const std::vector<ServedProject*>& projects,
-                   std::function<void(const ProjectReports&)> done) {
+                   bool haveMetrics, std::function<void(const ProjectReports&)> done) {
     struct Gathered {
         std::map<std::string, ServedProject::Report> reports;
         std::size_t missing = 0;
@@ -34,12 +34,13 @@ void gatherReports(asio::io_context& io, const std::vector<ServedProject*>& proj
         Gathered{{}, projects.size(), std::move(done), asio::steady_timer(io, kReportTime)});
     for (ServedProject* project : projects) {
         all->reports[project->name()].status = "busy";
-        project->report([&io, all, name = project->name()](ServedProject::Report report) {
-            asio::post(io, [all, name, report = std::move(report)]() mutable {
-                all->reports[name] = std::move(report);
-                if (--all->missing == 0) all->end();
-            });
-        });
+        project->report(haveMetrics,
+                        [&io, all, name = project->name()](ServedProject::Report report) {
+                            asio::post(io, [all, name, report = std::move(report)]() mutable {
+                                all->reports[name] = std::move(report);
+                                if (--all->missing == 0) all->end();
+                            });
+                        });
     }
     if (projects.empty()) return all->end();
     all->timer.async_wait([all](const boost::system::error_code& error) {

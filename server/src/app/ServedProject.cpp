@@ -491,15 +491,15 @@ WebSocketTransport* ServedProject::sessions() const {
     return running_ && !stopping_ ? &running_->webSockets() : nullptr;
 }
 
-void ServedProject::report(std::function<void(Report)> done) {
-    const bool isPosted = post([done](Running& running) {
+void ServedProject::report(bool hasMetrics, std::function<void(Report)> done) {
+    const bool isPosted = post([hasMetrics, done](Running& running) {
         const ProjectHealth health = running.runtime().health();
         done({std::string(health.status),
               {},
               health.revision,
               health.sessions,
               health.users,
-              running.runtime().metrics()});
+              hasMetrics ? running.runtime().metrics() : nullptr});
     });
     if (isPosted) return;
     const Status now = status();

@@ -179,7 +179,6 @@ std::vector<Hash> Project::unusedBlobs(const std::vector<Hash>& unnamed, Revisio
 Revision Project::durableRevision() const { return impl_->line_.durable(); }
 const ProjectCounters& Project::counters() const { return impl_->counters_; }
 std::size_t Project::sessionCount() const { return impl_->sessions_.clients(); }
-
 std::set<UserName> Project::users() const { return impl_->sessions_.users(); }
 const Subject* Project::subjectOf(SessionId session) const {
     const Session* found = impl_->sessions_.find(session);

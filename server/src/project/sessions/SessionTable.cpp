@@ -12,6 +12,11 @@ namespace usdlive::server {
 
 namespace {
 
+/// True for a session that said hello and is not closing.
+bool isClient(const Session& session) {
+    return !session.client.value.empty() && !session.isClosing();
+}
+
 /// Changes the texts of a message. Ids and hashes are no texts.
 template <class T>
 void showTexts(const PublicText& texts, T& value) {
@@ -99,11 +104,6 @@ const Session* SessionTable::find(SessionId id) const {
 Session* SessionTable::greeted(SessionId id) {
     Session* session = find(id);
     return session && session->isGreeted() ? session : nullptr;
-}
-
-// True for a session that said hello and is not closing.
-static bool isClient(const Session& session) {
-    return !session.client.value.empty() && !session.isClosing();
 }
 
 std::size_t SessionTable::clients() const {

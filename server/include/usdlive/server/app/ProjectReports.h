@@ -18,6 +18,6 @@ using ProjectReports = std::vector<std::pair<std::string, ServedProject::Report>
 /// second, with the status "busy" for those that have not. Called on the thread that runs `io`, and
 /// so is `done`, possibly before this returns. The projects may be removed meanwhile.
 void gatherReports(boost::asio::io_context& io, const std::vector<ServedProject*>& projects,
-                   std::function<void(const ProjectReports&)> done);
+                   bool haveMetrics, std::function<void(const ProjectReports&)> done);
 
 }  // namespace usdlive::server

@@ -51,7 +51,7 @@ public:
         Revision revision = 0;
         std::size_t sessions = 0;
         std::set<UserName> users = {};  ///< have the sessions
-        /// Set only while the project is served.
+        /// Set only if they were asked for, and while the project is served.
         std::shared_ptr<const MetricFamilies> metrics = {};
     };
     static constexpr std::chrono::milliseconds kRetryPause{5'000};
@@ -90,8 +90,9 @@ public:
     void answerFile(FileRequest request, HttpAnswer answer);
     /// Gives signed-in users their roles in these accounts, then calls `done`, on any thread.
     void rolesChanged(std::shared_ptr<const Accounts> accounts, std::function<void()> done);
-    /// Calls `done` once, on the project's thread or this one. A busy project answers late.
-    void report(std::function<void(Report)> done);
+    /// Calls `done` once, on the project's thread or this one. A busy project answers late. To
+    /// collect the metrics takes more work than the rest.
+    void report(bool hasMetrics, std::function<void(Report)> done);
     /// Makes a live session, which shares everything that was confirmed up to now (LV1). `done`
     /// gets the result on any thread; an error if the project is not served.
     void branch(LiveSessionRecord wanted, std::function<void(Result<LiveSessionRecord>)> done);
