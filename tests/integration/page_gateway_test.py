@@ -208,7 +208,7 @@ def test_the_server_dies_and_comes_back(root, serve, gateway, page, editor):
 
 
 def test_a_page_that_does_not_read_gets_a_newer_state_and_delays_nobody(root, serve, gateway, page):
-    """The line of a slow page is filled: it gets fewer batches than were made, and the same end."""
+    """A page that reads nothing gets few batches later, however many were made, and the same end."""
     server = serve(root)
     shared = gateway(server)
     quick = page(shared)
@@ -227,7 +227,7 @@ def test_a_page_that_does_not_read_gets_a_newer_state_and_delays_nobody(root, se
                     Sdf.AttributeSpec(spec, "xformOp:translate", Sdf.ValueTypeNames.Double3).default = (0, 0, 0)
                     Sdf.AttributeSpec(spec, "xformOpOrder", Sdf.ValueTypeNames.TokenArray, Sdf.VariabilityUniform).default = ["xformOp:translate"]
             assert live.flush(300)
-            for step in range(1, 61):
+            for step in range(1, 41):
                 with Sdf.ChangeBlock():
                     for number in range(2000):
                         layer.GetAttributeAtPath(f"/World/c{number}.xformOp:translate").default = (step, 0, 0)
@@ -236,15 +236,16 @@ def test_a_page_that_does_not_read_gets_a_newer_state_and_delays_nobody(root, se
             assert live.flush(300)
 
     def is_at_the_end(one) -> bool:
-        return one.has("/World/c1999") and one.at("/World/c1999")["matrix"][9] == 60
+        return one.has("/World/c1999") and one.at("/World/c1999")["matrix"][9] == 40
 
     mover = threading.Thread(target=edit)
     mover.start()
     quick.wait(lambda _: not mover.is_alive(), 600)
     for one in (quick, slow):
         one.wait(is_at_the_end, 60)
-    assert all(item["matrix"][9] == 60 for item in slow.items.values() if item["path"].startswith("/World/c"))
-    assert slow.resets == 1 and 0 < len(slow.batches) < len(quick.batches)
+    assert all(item["matrix"][9] == 40 for item in slow.items.values() if item["path"].startswith("/World/c"))
+    # Each step moves 2,000 items; smaller batches are those of items that were just made.
+    assert slow.resets == 1 and 0 < sum(len(batch.get(1, ())) > 1000 for batch in slow.batches) <= 20
     slow.close()
 
 

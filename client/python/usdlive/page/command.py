@@ -15,6 +15,8 @@ import sys
 import typing
 import webbrowser
 
+_MOST_UNSENT_BYTES = 128 << 10  # in the kernel, of one connection
+
 _EPILOG = """URL is ws://HOST:PORT, wss://HOST:PORT (encrypted) or HOST:PORT; the default is USDLIVE_URL, or
 ws://127.0.0.1:7447. For a server with several projects use ws://HOST:PORT/PROJECT."""
 
@@ -159,6 +161,9 @@ def _listen(host: str, port: int) -> socket.socket:
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         listener = socket.socket(family, socket.SOCK_STREAM)
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if hasattr(socket, "TCP_NOTSENT_LOWAT"):  # not on Windows
+            # Connections inherit it. What a slow page has not received waits in its Viewer, which can replace it.
+            listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, _MOST_UNSENT_BYTES)
         listener.bind((host, port))
         return listener
     except (OSError, OverflowError) as failed:
