@@ -31,7 +31,6 @@ UNCALLED = {
     "teardown": "called by Beast",
     "createMemoryBlobStore": "the second implementation of a port, for tests and benchmarks",
     "createMemoryCommitStore": "the second implementation of a port, for tests and benchmarks",
-    "writtenAgain": "how often SE15 had an effect, for the model and the simulation",
 }
 
 

@@ -62,7 +62,7 @@ bool holdsBack(const Pending& pending) { return !pending.blobs.empty(); }
 Pending& PendingTransactions::add(Pending pending) {
     count(pending);
     Pending& added = pending_.emplace_back(std::move(pending));
-    if (onAdd) onAdd(added);
+    if (onChange) onChange(added);
     return added;
 }
 

@@ -74,8 +74,9 @@ public:
     [[nodiscard]] std::vector<Pending*> sendable(const std::function<bool(const Pending&)>& ready,
                                                  bool known);
 
-    /// Called with each added transaction, and with the number of each taken one.
-    std::function<void(const Pending&)> onAdd;
+    /// Called with each transaction that is added or changed, and with the number of each taken
+    /// one.
+    std::function<void(const Pending&)> onChange;
     std::function<void(std::uint64_t)> onTake;
 
 private:

@@ -24,39 +24,42 @@ Session::Options withClock(Session::Options options) {
 
 Session::Impl::Impl(Options options, SessionHost& host, LayerView& editor)
     : options_(withClock(std::move(options))), host_(host), editor_(editor) {
-    pending_.onAdd = [this](const Pending& pending) { reportPending(pending); };
+    pending_.onChange = [this](const Pending& pending) {
+        host_.pending({pending.transaction.id.sequence, point_.revision(), point_.hash(),
+                       point_.store(), pending.authored});
+    };
     pending_.onTake = [this](std::uint64_t sequence) { host_.answered(sequence); };
-}
-
-void Session::Impl::reportPending(const Pending& pending) {
-    host_.pending({pending.transaction.id.sequence, revision_, hash_, store_, pending.authored});
 }
 
 // ---- layers
 
 void Session::Impl::openLayer(const LayerId& layer) {
-    if (opened_.open(layer)) resets_.insert(layer);
+    if (opened_.open(layer)) view_.opened(layer);
 }
 
 void Session::Impl::closeLayer(const LayerId& layer) {
     opened_.close(layer);
-    resets_.erase(layer);
+    view_.closed(layer);
     undo_.forget(layer);
 }
 
-bool Session::Impl::isJoined(const LayerId& layer) const {
-    if (frozen_) return opened_.isWanted(layer) && frozen_->views.contains(layer);
-    return opened_.isJoined(layer);
-}
-
-const LayerDoc* Session::Impl::view(const LayerId& layer) const {
-    if (!isJoined(layer)) return nullptr;
-    return frozen_ ? &frozen_->views.at(layer) : prediction_.find(layer);
+// A closed layer stays until own work on it is answered.
+void Session::Impl::dropClosed() {
+    const auto hasOwnWork = [this](const LayerId& layer) {
+        const auto& edits = gesture_ ? gesture_->pending.authored : std::vector<AuthoredEdit>();
+        return pending_.touches(layer) ||
+               std::ranges::any_of(edits, [&](const auto& edit) { return edit.layer == layer; });
+    };
+    opened_.dropClosed(hasOwnWork, [this](const LayerId& layer) {
+        if (auto closed = confirmed_.extract(layer))
+            host_.discard(std::make_shared<LayerDoc>(std::move(closed.mapped())));
+        view_.dropped(layer);
+    });
 }
 
 const LayerDoc* Session::Impl::confirmed(const LayerId& layer) const {
     const auto entry = confirmed_.find(layer);
-    return isJoined(layer) && entry != confirmed_.end() ? &entry->second : nullptr;
+    return view_.isJoined(layer) && entry != confirmed_.end() ? &entry->second : nullptr;
 }
 
 std::set<Hash> Session::Impl::namedBlobs() const {
@@ -85,13 +88,13 @@ void Session::disconnected(Error reason, std::size_t unconfirmed) {
 std::size_t Session::unconfirmed() const { return impl_->unconfirmed_; }
 void Session::received(ReceivedMessage message) { impl_->received(std::move(message)); }
 
-const std::optional<OtherHistory>& Session::otherHistory() const { return impl_->other_; }
-Result<void> Session::joinOtherHistory() { return impl_->joinOtherHistory(); }
+const std::optional<OtherHistory>& Session::otherHistory() const { return impl_->point_.other(); }
+Result<void> Session::joinOtherHistory() { return impl_->point_.acceptOther(); }
 
 void Session::openLayer(const LayerId& layer) { impl_->openLayer(layer); }
 void Session::closeLayer(const LayerId& layer) { impl_->closeLayer(layer); }
-bool Session::isJoined(const LayerId& layer) const { return impl_->isJoined(layer); }
-const LayerDoc* Session::view(const LayerId& layer) const { return impl_->view(layer); }
+bool Session::isJoined(const LayerId& layer) const { return impl_->view_.isJoined(layer); }
+const LayerDoc* Session::view(const LayerId& layer) const { return impl_->view_.find(layer); }
 const LayerDoc* Session::confirmed(const LayerId& layer) const { return impl_->confirmed(layer); }
 void Session::peek(const LayerId& layer, Revision revision,
                    std::function<void(Result<LayerDoc>, Revision)> done) {
@@ -105,16 +108,22 @@ std::uint64_t Session::request(AnyRequest request) {
     return impl_->requests_.request(std::move(request));
 }
 
-void Session::author(std::vector<AuthoredEdit> edits) { impl_->author(std::move(edits)); }
+void Session::author(std::vector<AuthoredEdit> edits) {
+    impl_->authoring_.author(std::move(edits));
+}
 void Session::setNextSequence(std::uint64_t sequence) { impl_->pending_.setNextSequence(sequence); }
-void Session::beginGesture() { impl_->beginGesture(); }
-void Session::endGesture() { impl_->endGesture(); }
+void Session::beginGesture() { impl_->authoring_.beginGesture(); }
+void Session::endGesture() { impl_->authoring_.endGesture(); }
 bool Session::inGesture() const { return impl_->gesture_.has_value(); }
 
 void Session::beginUndoGroup(const std::string& label) { impl_->undo_.begin(label); }
 void Session::endUndoGroup() { impl_->undo_.end(); }
-Result<UndoResult> Session::undo() { return impl_->takeBack(UndoStack::Direction::Undo); }
-Result<UndoResult> Session::redo() { return impl_->takeBack(UndoStack::Direction::Redo); }
+Result<UndoResult> Session::undo() {
+    return impl_->authoring_.takeBack(UndoStack::Direction::Undo);
+}
+Result<UndoResult> Session::redo() {
+    return impl_->authoring_.takeBack(UndoStack::Direction::Redo);
+}
 UndoLabels Session::undoLabels() const { return impl_->undo_.labels(); }
 
 bool Session::advance(double budgetMs, std::int64_t nowMs) {
@@ -123,7 +132,7 @@ bool Session::advance(double budgetMs, std::int64_t nowMs) {
 std::vector<Event> Session::takeEvents() { return impl_->events_.take(); }
 
 bool Session::isConnected() const { return impl_->channel_.isOnline(); }
-Revision Session::revision() const { return impl_->revision_; }
+Revision Session::revision() const { return impl_->point_.revision(); }
 const std::map<LayerId, LayerState>& Session::layerStates() const {
     return impl_->listed_.states();
 }
@@ -136,7 +145,7 @@ const std::map<ClientId, Presence>& Session::presences() const { return impl_->p
 std::size_t Session::pendingTransactions() const {
     return impl_->pending_.size() + impl_->missed_.size();
 }
-std::uint64_t Session::writtenAgain() const { return impl_->writtenAgain_; }
+std::uint64_t Session::writtenAgain() const { return impl_->authoring_.writtenAgain(); }
 const std::optional<Welcome>& Session::welcome() const { return impl_->channel_.welcome(); }
 const std::set<LayerId>& Session::projectLayers() const { return impl_->listed_.all(); }
 const ClientId& Session::id() const { return impl_->options_.client; }

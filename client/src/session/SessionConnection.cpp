@@ -1,42 +1,16 @@
-// The connection of a session: hello and welcome, resuming, received messages, and what happens
-// when it is lost.
+// The connection of a session: hello and welcome, resuming, another history, what is received and
+// sent, and what happens when the connection is lost.
 #include <algorithm>
 #include <iterator>
 
 #include "session/SessionImpl.h"
 #include "usdlive/common/core/ErrorPasses.h"
+#include "usdlive/common/layer/MatchedSpecs.h"
 #include "usdlive/common/protocol/ServerControl.h"
 
 namespace usdlive::client {
 
 namespace {
-
-std::string named(const std::string& project, const StoreId& store) {
-    return "\"" + project + "\" (store " + (store.empty() ? "unknown" : store.value.substr(0, 8)) +
-           ")";
-}
-
-// ID2: another project, or a store that was restored from a copy. Names no revisions, so that the
-// same situation is reported once.
-Error explained(const OtherHistory& other) {
-    const std::string expected = named(other.expectedProject, other.expectedStore);
-    const std::string what =
-        other.isOtherProject()
-            ? "it serves another project, " + named(other.foundProject, other.foundStore) +
-                  ", and this editor has " + expected +
-                  " open. Another folder is served at this address, or the project's .usdlive was "
-                  "deleted. Nothing was sent. Serve the right one again, and work continues"
-            : "commits of " + expected +
-                  " that this editor has received are not in it. The project's .usdlive was "
-                  "replaced by an older one or by another copy. Nothing was sent. Put the right "
-                  "one back and start the server again, and work continues";
-    return {ErrorCode::HistoryDiverged,
-            "the server has another history than this editor: " + what +
-                "; or close this connection and connect again: what was not sent is kept, and "
-                "unsent_work() shows it; or call join_other_history(): what the server lacks " +
-                (other.isOtherProject() ? "and what was not sent become lost work"
-                                        : "becomes lost work, and what was not sent is sent")};
-}
 
 std::string lostBefore(const Error& reason) {
     return "the connection was lost before the server answered" +
@@ -49,8 +23,6 @@ void Session::Impl::connected() {
     opened_.restart();
     requests_.endAll("another connection took the place of the one that was to answer");
     linked_ = true;
-    forgotten_.reset();
-    diverged_ = false;
     inbox_.clear();
     listed_.connected();
     channel_.connected();
@@ -61,30 +33,10 @@ void Session::Impl::connected() {
                 .user = options_.user,
                 .application = options_.application,
                 .secret = options_.secret,
-                .resume = {},
+                .resume = point_.connecting(),
                 .open = {}};
-    if (hasHistory_) {
-        hello.resume = Hello::Resume{commitEpoch_, revision_, hash_};
-        if (!store_.empty()) hello.resume->store = store_;
-        if (hasUnanswered()) hello.resume->unansweredSince = unanswered_->since;
-        hello.open = opened_.forHello();
-    }
+    if (hello.resume) hello.open = opened_.forHello();
     channel_.send(hello);
-}
-
-bool Session::Impl::hasUnanswered() const {
-    return unanswered_ && std::ranges::any_of(pending_, [&](const Pending& pending) {
-               return pending.everSent && pending.transaction.id.sequence <= unanswered_->last;
-           });
-}
-
-void Session::Impl::noteUnanswered(Revision joined) {
-    std::uint64_t last = 0;
-    for (const Pending& pending : pending_)
-        if (pending.everSent) last = std::max(last, pending.transaction.id.sequence);
-    const Revision since = hasUnanswered() ? unanswered_->since : revision_;
-    // Another history may be shorter than the one that the client leaves (ID4).
-    if (last != 0) unanswered_ = {std::min(since, joined), last};
 }
 
 void Session::Impl::disconnected(Error reason, std::size_t unconfirmed) {
@@ -129,12 +81,37 @@ bool Session::Impl::advance(double budgetMs, std::int64_t nowMs) {
     }
     completeJoins();
     peeks_.complete();
-    updateView();
-    followUndo();
+    if (view_.isFrozen() && !opened_.areJoiningAgain()) thaw();
+    if (!view_.isFrozen()) {
+        dropClosed();
+        view_.update();
+    }
+    view_.followUndo();
     sendAll();
-    reportGesture();
-    checkPrediction();
-    return inbox_.empty() && !rebuild_ && !(maySend() && submissions_.hasMore());
+    authoring_.reportGesture(nowMs_);
+    view_.check();
+    return inbox_.empty() && !view_.isComputing() && !(maySend() && submissions_.hasMore());
+}
+
+// Own work: transactions, big values, previews and presence.
+void Session::Impl::sendAll() {
+    if (channel_.isOnline()) {
+        downloads_.requestDue(nowMs_, [this](const Hash& hash) { return host_.needsBlob(hash); });
+        opened_.askAgain(nowMs_);
+    }
+    if (!maySend()) return;
+    sendTransactions();
+    uploads_.dropUnwanted();
+    uploads_.send(options_.uploadWindowChunks, nowMs_);
+    if (const auto progress = uploads_.progress(nowMs_)) events_.push(*progress);
+    if (gesture_) ownPreviews_.send(*gesture_, nowMs_);
+    people_.send(nowMs_);
+}
+
+void Session::Impl::sendTransactions() {
+    auto tooLarge = submissions_.send(nowMs_, !view_.isOutdated());
+    for (auto& [sequence, error] : tooLarge) lose(*pending_.take(sequence), std::move(error));
+    if (!tooLarge.empty()) view_.recompute();
 }
 
 void Session::Impl::protocolFault(Error error) {
@@ -151,56 +128,28 @@ void Session::Impl::handle(ControlMessage&& message) {
 }
 
 void Session::Impl::on(const Welcome& message) {
-    bool leaves = false;
-    if (auto other = compareHistory(message)) {
-        other_ = std::move(other);
-        if (accepted_ != other_->foundStore) return protocolFault(other_->reason);
-        leaves = !message.resumed;
-        if (leaves) abandonHistory(*other_);
-    }
-    other_.reset();
-    accepted_.reset();
+    using Found = HistoryPoint::Found;
+    const auto& before = channel_.welcome();
+    const Found found = point_.compare(message, before ? before->project : "");
+    if (found == Found::Other) return protocolFault(point_.other()->reason);
+    const bool leaves = found == Found::AcceptedOther && !message.resumed;
+    if (leaves) abandonHistory(*point_.other());
+    point_.welcomed(message);
     auto added = listed_.welcomed(message);
     channel_.welcomed(message);
     rights_.welcomed(message);
-    epoch_ = message.epoch;
-    store_ = message.store.value_or(store_);
     if (!message.resumed) {
-        if (forgotten_) loseSent(*forgotten_);
-        if (hasHistory_) {
-            noteUnanswered(message.revision);
+        if (point_.forgotten()) loseSent(*point_.forgotten());
+        if (point_.isKnown()) {
+            point_.leaveUnanswered(message.revision);
             freeze();
         }
-        revision_ = message.revision;
-        hash_ = message.hash;
-        commitEpoch_ = 0;
-        hasHistory_ = true;
+        point_.beginAt(message);
     }
     opened_.welcomed(message);
     missed_.welcomed();
     if (gesture_) gesture_->changed = !gesture_->pending.authored.empty();
     events_.push(event::Connected{*channel_.welcome(), message.resumed, leaves, std::move(added)});
-}
-
-// ID2: returns how the history of the server differs from the one that the client has.
-std::optional<OtherHistory> Session::Impl::compareHistory(const Welcome& found) const {
-    if (!hasHistory_) return std::nullopt;
-    OtherHistory other{.expectedProject = channel_.welcome()->project,
-                       .foundProject = found.project,
-                       .expectedStore = store_,
-                       .foundStore = found.store.value_or(StoreId{}),
-                       .reason = {}};
-    if (!other.isOtherProject() && !diverged_ && found.epoch >= epoch_) return std::nullopt;
-    other.reason = explained(other);
-    return other;
-}
-
-Result<void> Session::Impl::joinOtherHistory() {
-    if (!other_)
-        return fail(ErrorCode::InvalidArgument,
-                    "the server has no other history than this editor: there is none to join");
-    accepted_ = other_->foundStore;
-    return {};
 }
 
 // ID3, ID4: keeps what the editor was told is committed, until it is known what the joined history
@@ -209,18 +158,76 @@ void Session::Impl::abandonHistory(const OtherHistory& other) {
     if (!abandoned_) abandoned_.emplace();
     abandoned_->reason = {ErrorCode::HistoryDiverged,
                           "it was committed in a history that this editor has left, and " +
-                              named(other.foundProject, other.foundStore) + " lacks it"};
+                              namedHistory(other.foundProject, other.foundStore) + " lacks it"};
     opened_.forEachWanted([this](const LayerId& layer) {
         const auto* doc = confirmed(layer);
-        if (!doc) doc = view(layer);  // it was being joined again
+        if (!doc) doc = view_.find(layer);  // it was being joined again
         if (doc) abandoned_->docs.try_emplace(layer, *doc);
     });
     if (!other.isOtherProject()) return;
     const Error why{ErrorCode::HistoryDiverged,
-                    "it was not sent to " + named(other.expectedProject, other.expectedStore) +
+                    "it was not sent to " +
+                        namedHistory(other.expectedProject, other.expectedStore) +
                         ", and this editor has joined another project"};
-    if (gesture_) endGesture();
+    if (gesture_) authoring_.endGesture();
     while (!pending_.empty()) lose(*pending_.take(pending_.begin()->transaction.id.sequence), why);
+}
+
+// ID4: what the editor was told is committed, and the joined history lacks, becomes lost work: the
+// edits that turn the present layers into those of then.
+void Session::Impl::reportAbandoned() {
+    if (!abandoned_) return;
+    const LayerDoc none;
+    LostWork work{.sequence = 0,
+                  .gesture = 0,
+                  .reason = std::move(abandoned_->reason),
+                  .refused = false,
+                  .edits = {}};
+    for (const auto& [layer, then] : abandoned_->docs) {
+        const auto found = confirmed_.find(layer);
+        const LayerDoc& now = found == confirmed_.end() ? none : found->second;
+        for (auto& [path, action] : difference(now, matchedSpecs(now, then)))
+            work.edits.push_back({layer, std::move(path), std::move(action)});
+    }
+    abandoned_.reset();
+    if (!work.edits.empty()) events_.push(event::Lost{std::move(work)});
+}
+
+// Called when the confirmed layers are not valid any more. The view stays until all layers have
+// been joined again. Own work is carried over by its paths in the view.
+void Session::Impl::freeze() {
+    if (!view_.isFrozen()) previews_.endAll();
+    view_.freeze();
+    undo_.clear();
+    submissions_.restart();
+    // Also those that are being joined: the commits that follow their content are unknown.
+    opened_.restartAll();
+    host_.discard(std::make_shared<LayerDocs>(std::exchange(confirmed_, {})));
+    log_ = {};
+    creations_ = {};
+    committed_.clear();
+}
+
+// All layers have been joined again.
+void Session::Impl::thaw() {
+    view_.thaw();
+    reportAbandoned();
+    const auto withoutLayer = [this](const Pending& pending) {
+        return std::ranges::any_of(pending.carried, [&](const auto& edit) {
+            return edit && !confirmed_.contains(edit->layer);
+        });
+    };
+    for (Pending& pending : pending_.takeAll()) {
+        if (withoutLayer(pending)) {
+            lose(std::move(pending), {ErrorCode::LayerNotFound, "its layer is gone"});
+            continue;
+        }
+        view_.carried(pending);
+        pending_.add(std::move(pending));
+    }
+    if (gesture_) view_.carried(gesture_->pending);
+    view_.showAll();
+    previews_.presentAgain();
 }
 
 // M14: it is unknown whether unanswered transactions are committed.
@@ -239,23 +246,16 @@ void Session::Impl::on(const LayerList& message) {
 void Session::Impl::handle(ReceivedCommit&& received) {
     Commit& commit = received.commit;
     if (requests_.takes(commit)) return;
-    if (!channel_.isOnline() || commit.revision <= revision_ || commit.epoch < commitEpoch_) return;
-    const bool continues =
-        received.isCompact ? beginsLike(commit.previous, hash_) : commit.previous == hash_;
-    if (commit.revision - commit.conflated != revision_ + 1 || !continues) {
-        return protocolFault(
-            {ErrorCode::HistoryDiverged,
-             "commit " + std::to_string(commit.revision) + " does not follow the one before"});
-    }
-    commit.previous = std::exchange(hash_, received.hashAfter);
-    commitEpoch_ = commit.epoch;
+    if (!channel_.isOnline() || point_.isPast(commit)) return;
+    if (auto advanced = point_.advance(received); !advanced)
+        return protocolFault(std::move(advanced.error()));
     apply(commit);
     events_.push(event::Committed{std::move(received.commit), false});
 }
 
 // FR11: the commit has the edits of the own transaction.
 void Session::Impl::handle(Acceptance&& accepted) {
-    if (!channel_.isOnline() || accepted.revision <= revision_) return;
+    if (!channel_.isOnline() || accepted.revision <= point_.revision()) return;
     const Pending* own = pending_.find(accepted.sequence);
     if (!own || !own->sent || own->changedSince)
         return protocolFault(
@@ -276,7 +276,7 @@ void Session::Impl::handle(Acceptance&& accepted) {
 }
 
 bool Session::Impl::isCaughtUp() const {
-    return channel_.welcome() && revision_ >= channel_.welcome()->revision;
+    return channel_.welcome() && point_.revision() >= channel_.welcome()->revision;
 }
 
 void Session::Impl::handle(RefusalFrame&& frame) {
@@ -292,18 +292,9 @@ void Session::Impl::handle(RefusalFrame&& frame) {
 
 void Session::Impl::on(const ErrorMessage& message) {
     if (message.request && requests_.end(*message.request, tl::unexpected(message))) return;
+    if (!channel_.isOnline() && point_.takesBeforeWelcome(message)) return;
     const Error error = toError(message);
-    if (error.code == ErrorCode::ClientForgotten && !channel_.isOnline()) {
-        forgotten_ = error;
-        if (diverged_) return;
-    }
     if (message.closing) people_.connectionRefused(error.code);
-    const bool differs =
-        error.code == ErrorCode::HistoryDiverged || error.code == ErrorCode::FutureRevision;
-    if (differs && !channel_.isOnline() && !message.closing) {
-        diverged_ = true;  // reported when the welcome has come
-        return;
-    }
     if (message.blob) {
         if (downloads_.isAsked(*message.blob)) return blobFailed(*message.blob, error);
         uploads_.refused(*message.blob, error.code, nowMs_);
@@ -323,12 +314,12 @@ void Session::Impl::on(const RequestProgress& message) {
 // contain its edits, and only the commit itself names the dropped ones (M12). Otherwise the commit
 // is still to be received.
 void Session::Impl::on(const AlreadyCommitted& message) {
-    if (message.revision > revision_) return;
+    if (message.revision > point_.revision()) return;
     auto pending = pending_.take(message.sequence);
     if (!pending) return;
     submissions_.answered();
     undo_.lost(message.sequence);
-    restartPrediction();
+    view_.restart();
     missed_.add(message.revision, *std::move(pending));
 }
 
@@ -343,7 +334,8 @@ void Session::Impl::handle(ReceivedSnapshot&& received) {
 
 void Session::Impl::peek(const LayerId& layer, Revision revision, Peeks::Done done) {
     const bool isNow = revision == 0 && channel_.isOnline() && isCaughtUp();
-    if (const LayerDoc* here = isNow ? confirmed(layer) : nullptr) return done(*here, revision_);
+    if (const LayerDoc* here = isNow ? confirmed(layer) : nullptr)
+        return done(*here, point_.revision());
     peeks_.ask(layer, revision, std::move(done));
 }
 
