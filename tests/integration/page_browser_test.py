@@ -652,6 +652,13 @@ def test_the_past_is_shown_and_a_commit_is_taken_back(studio, gateways, screens,
     tab.click(f"[aria-label='Revert commit {new}']")
     screen.until("document.querySelector('.dry-run')", "what a revert does is shown first")
     screen.shot("revert")
+    label = f"What a revert of {new} does"
+    assert screen.run("document.activeElement.ariaLabel") == label, "the keyboard is where the answer is"
+    tab.keyboard.press("Escape")
+    screen.until("!document.querySelector('.dry-run')", "Escape leaves it")
+    assert screen.run("document.activeElement.ariaLabel") == f"Revert commit {new}", "and goes back to the button"
+    tab.keyboard.press("Enter")
+    screen.until("document.querySelector('.dry-run')", "it is asked again")
     assert abs(value_of(ada, "/World/Box.xformOp:translate")[1] - 4) < 1e-6, "the dry run changes nothing"
     tab.click(".dry-run .primary")
     screen.until(lambda: abs(value_of(ada, "/World/Box.xformOp:translate")[1]) < 1e-6, "the commit was taken back")
@@ -833,7 +840,7 @@ def test_live_sessions_are_listed_made_and_deleted(studio, gateways, screens):
     screen.until(lambda: tab.query_selector(f"{row_of(script)} .dry-run"), "a question comes first")
     assert violations(screen) == []
     screen.shot("sessions")
-    tab.click(f"{row_of(script)} .dry-run .primary")
+    tab.click(f"{row_of(script)} .dry-run .final")
     screen.until(lambda: not tab.query_selector(row_of(script)), "the session was deleted")
     tab.click("[aria-label='Restore dusk']")
     screen.until(lambda: tab.query_selector("[aria-label='Merge dusk']"), "the session is open again")

@@ -7,6 +7,7 @@ import { type Json, namesOf } from "../core/protocol";
 import { textOf } from "../state/session";
 import { usePage } from "./context";
 import { Icon } from "./icons";
+import { Question } from "./question";
 import { useRefresh } from "./refresh";
 
 interface Commit {
@@ -346,7 +347,16 @@ function CommitRow({ commit, checkpoint }: { commit: Commit; checkpoint: string 
       </div>
       {problem.value && <p class="refusal">{problem.value}</p>}
       {reverted.value && (
-        <fieldset class="dry-run" aria-label={`What a revert of ${commit.revision} does`}>
+        <Question
+          label={`What a revert of ${commit.revision} does`}
+          go={{ text: "Revert", isBusy: isBusy.value, act: () => void revert(false) }}
+          leave={{
+            text: "Cancel",
+            act: () => {
+              reverted.value = undefined;
+            },
+          }}
+        >
           <p>{sentenceOf(reverted.value)}</p>
           <ul>
             {(reverted.value.lines ?? []).slice(0, 20).map((line) => (
@@ -358,19 +368,7 @@ function CommitRow({ commit, checkpoint }: { commit: Commit; checkpoint: string 
               </li>
             ))}
           </ul>
-          <button type="button" class="small primary" disabled={isBusy.value} onClick={() => void revert(false)}>
-            Revert
-          </button>
-          <button
-            type="button"
-            class="small"
-            onClick={() => {
-              reverted.value = undefined;
-            }}
-          >
-            Cancel
-          </button>
-        </fieldset>
+        </Question>
       )}
     </li>
   );

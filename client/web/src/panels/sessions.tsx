@@ -23,6 +23,7 @@ import { repeat } from "../core/repeat";
 import { textOf } from "../state/session";
 import { usePage } from "./context";
 import { Icon } from "./icons";
+import { Question } from "./question";
 
 /** Others make and end sessions rarely, and the gateway does not announce it. */
 const PAUSE_MS = 2000;
@@ -247,28 +248,20 @@ function SessionRow(props: {
       {isBusy.value && <p class="weak">The server is asked …</p>}
       {!preparation.value && <Problem text={problem.value} />}
       {isDeleteAsked.value && one.ended && (
-        <fieldset class="dry-run" aria-label={`Delete ${one.name}`}>
+        <Question
+          label={`Delete ${one.name}`}
+          go={{ text: "Delete", isBusy: isBusy.value, isFinal: true, act: () => void change("deleteSession") }}
+          leave={{
+            text: "Cancel",
+            act: () => {
+              isDeleteAsked.value = false;
+            },
+          }}
+        >
           <p>
             Delete <strong>{one.name}</strong> with its history? Nobody can bring it back.
           </p>
-          <button
-            type="button"
-            class="small primary"
-            disabled={isBusy.value}
-            onClick={() => void change("deleteSession")}
-          >
-            Delete
-          </button>
-          <button
-            type="button"
-            class="small"
-            onClick={() => {
-              isDeleteAsked.value = false;
-            }}
-          >
-            Cancel
-          </button>
-        </fieldset>
+        </Question>
       )}
       {isCommandShown.value && !one.ended && <Command one={one} />}
       {preparation.value && (
@@ -355,8 +348,18 @@ function MergeForm(props: {
   const undecided = undecidedIn(preparation);
   const hidden = hiddenIn(found);
   const more = found.edits - Math.min(found.lines.length, MOST_LINES);
+  const go = {
+    text: verb === "merge" ? "Merge" : "Update",
+    isBusy: props.isBusy || undecided > 0,
+    act: () => void props.commit(verb, isKept.value),
+  };
   return (
-    <fieldset class="dry-run" aria-label={`What ${verb === "merge" ? "a merge" : "an update"} of ${props.name} does`}>
+    <Question
+      label={`What ${verb === "merge" ? "a merge" : "an update"} of ${props.name} does`}
+      {...(isEmpty(found) ? {} : { go })}
+      leave={{ text: isEmpty(found) ? "Close" : "Cancel", act: () => change(undefined) }}
+      note={undecided > 0 ? `${undecided.toLocaleString("en")} not decided yet` : ""}
+    >
       <p role="status">{sentenceOf(preparation)}</p>
       <ul>
         {found.created.slice(0, MOST_LINES).map((layer) => (
@@ -407,21 +410,7 @@ function MergeForm(props: {
         </label>
       )}
       <Problem text={props.problem} />
-      {!isEmpty(found) && (
-        <button
-          type="button"
-          class="small primary"
-          disabled={props.isBusy || undecided > 0}
-          onClick={() => void props.commit(verb, isKept.value)}
-        >
-          {verb === "merge" ? "Merge" : "Update"}
-        </button>
-      )}
-      <button type="button" class="small" onClick={() => change(undefined)}>
-        {isEmpty(found) ? "Close" : "Cancel"}
-      </button>
-      {undecided > 0 && <span class="weak">{undecided.toLocaleString("en")} not decided yet</span>}
-    </fieldset>
+    </Question>
   );
 }
 
