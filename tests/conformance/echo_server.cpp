@@ -5,7 +5,7 @@
 #include <boost/asio/post.hpp>
 #include <iostream>
 
-#include "usdlive/server/transport/HttpServer.h"
+#include "transport/HttpServer.h"
 
 namespace {
 

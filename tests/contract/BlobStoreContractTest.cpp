@@ -6,8 +6,8 @@
 #include <random>
 #include <set>
 
+#include "storage/BlobStore.h"
 #include "unit/server/storage/TestCommits.h"
-#include "usdlive/server/storage/BlobStore.h"
 
 namespace usdlive::server {
 namespace {

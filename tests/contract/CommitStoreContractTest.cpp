@@ -2,10 +2,10 @@
 
 #include <gtest/gtest.h>
 
+#include "storage/MemoryCommitStore.h"
+#include "storage/RocksCommitStore.h"
 #include "unit/Seeds.h"
 #include "unit/server/storage/TestCommits.h"
-#include "usdlive/server/storage/MemoryCommitStore.h"
-#include "usdlive/server/storage/RocksCommitStore.h"
 
 namespace usdlive::server {
 namespace {

@@ -4,10 +4,10 @@
 
 #include <algorithm>
 
+#include "project/NamedBlobs.h"
+#include "storage/MemoryCommitStore.h"
+#include "storage/RocksCommitStore.h"
 #include "unit/server/storage/TestCommits.h"
-#include "usdlive/server/project/NamedBlobs.h"
-#include "usdlive/server/storage/MemoryCommitStore.h"
-#include "usdlive/server/storage/RocksCommitStore.h"
 
 namespace usdlive::server {
 namespace {

@@ -12,11 +12,11 @@
 #include <thread>
 
 #include "transport/Connection.h"
+#include "transport/DdsServer.h"
+#include "transport/HttpServer.h"
 #include "unit/common/protocol/SampleStates.h"
 #include "usdlive/common/protocol/Control.h"
 #include "usdlive/common/protocol/Frame.h"
-#include "usdlive/server/transport/DdsServer.h"
-#include "usdlive/server/transport/HttpServer.h"
 
 using namespace usdlive;
 using namespace usdlive::server;

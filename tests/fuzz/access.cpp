@@ -1,10 +1,10 @@
 // Fuzzes what people write or paste to sign in and to grant access: invitations, accounts and
 // rules.
 #include "Fuzz.h"
+#include "auth/Accounts.h"
 #include "usdlive/common/access/AccessRules.h"
 #include "usdlive/common/layer/SpecPath.h"
 #include "usdlive/common/net/Invitation.h"
-#include "usdlive/server/auth/Accounts.h"
 
 using namespace usdlive;
 using fuzz::require;

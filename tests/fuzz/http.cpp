@@ -8,9 +8,9 @@
 #include <string>
 
 #include "Fuzz.h"
+#include "transport/FileRequest.h"
+#include "transport/HttpServer.h"
 #include "usdlive/common/protocol/Frame.h"
-#include "usdlive/server/transport/FileRequest.h"
-#include "usdlive/server/transport/HttpServer.h"
 
 using namespace usdlive;
 using namespace usdlive::server;

@@ -4,9 +4,9 @@
 #include <string>
 #include <string_view>
 
+#include "auth/OpenIdConnect.h"
 #include "fuzz/Fuzz.h"
 #include "unit/server/auth/TestIssuer.h"
-#include "usdlive/server/auth/OpenIdConnect.h"
 
 namespace usdlive::fuzz {
 

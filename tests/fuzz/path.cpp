@@ -5,12 +5,12 @@
 #include <filesystem>
 
 #include "Fuzz.h"
+#include "files/LayerFiles.h"
+#include "storage/BlobStore.h"
 #include "usdlive/common/core/FilePath.h"
 #include "usdlive/common/core/LayerPath.h"
 #include "usdlive/common/layer/SpecPath.h"
 #include "usdlive/common/usd/TfComplaints.h"
-#include "usdlive/server/files/LayerFiles.h"
-#include "usdlive/server/storage/BlobStore.h"
 
 using namespace usdlive;
 namespace fs = std::filesystem;

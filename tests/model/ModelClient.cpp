@@ -3,7 +3,7 @@
 
 #include <bit>
 
-#include "SessionImpl.h"
+#include "session/SessionImpl.h"
 #include "simulation/SimClock.h"
 #include "usdlive/common/core/ErrorPasses.h"
 
@@ -61,7 +61,6 @@ static void digest(Digest& out, const OpenedLayer& part) {
     const auto& [wanted, joining] = part;
     out(wanted, joining);
 }
-static void digest(Digest& out, const Session::Impl::Frozen& part) { out(part.views); }
 static void digest(Digest& out, const ReceivedCommit& part) {
     out(encodeFrame(CommitFrame{part.commit}), part.hashAfter);
 }
@@ -89,22 +88,29 @@ static void digest(Digest& out, const MissedWork::Work& part) {
 }
 static void digest(Digest& out, const Requests::LogReader& part) { out(part.request, part.begun); }
 
+static void digest(Digest& out, const HistoryPoint& part) {
+    const auto& unanswered = part.unanswered_;
+    out(part.isKnown_, part.revision_, part.hash_, part.store_, part.epoch_, part.commitEpoch_,
+        part.diverged_, part.forgotten_.has_value(), part.other_.has_value(),
+        part.accepted_.has_value(), unanswered ? unanswered->since : Revision(0),
+        unanswered ? unanswered->last : std::uint64_t(0));
+}
+static void digest(Digest& out, const EditorView& part) {
+    out(part.frozen_, part.prediction_, part.outdated_, part.resets_);
+}
+
 // Left out: parts that the model does not use (gestures and previews, big values, peeks, saves, a
 // prediction that is not finished within a tick), parts that follow from the rest of the pending
 // work, the events, which are taken at once, and the parts of the welcome that are always the same.
 static void digest(Digest& out, const Session::Impl& part) {
     const auto& welcome = part.channel_.welcome();
     const auto& held = part.submissions_.held_;
-    out(welcome.has_value(), welcome ? welcome->revision : Revision(0), part.revision_,
+    out(welcome.has_value(), welcome ? welcome->revision : Revision(0), part.point_,
         part.pending_.pending_, part.pending_.lastSequence_, part.channel_.isOnline(), part.linked_,
-        part.inbox_, part.requests_.last_, part.hasHistory_, part.epoch_, part.commitEpoch_,
-        part.hash_, part.confirmed_, part.log_, part.creations_, part.opened_.layers_,
-        part.opened_.askAgainAt_.size(), part.frozen_, part.prediction_, part.dirty_, part.resets_,
-        part.missed_.works_, part.requests_.logs_, part.diverged_, part.forgotten_.has_value(),
-        held.has_value(), held && held->tried, part.store_, part.other_.has_value(),
-        part.accepted_.has_value(), part.abandoned_ ? part.abandoned_->docs : LayerDocs{},
-        part.unanswered_ ? part.unanswered_->since : Revision(0),
-        part.unanswered_ ? part.unanswered_->last : std::uint64_t(0));
+        part.inbox_, part.requests_.last_, part.confirmed_, part.log_, part.creations_,
+        part.opened_.layers_, part.opened_.askAgainAt_.size(), part.view_, part.missed_.works_,
+        part.requests_.logs_, held.has_value(), held && held->tried,
+        part.abandoned_ ? part.abandoned_->docs : LayerDocs{});
 }
 
 ModelClient::ModelClient(const Scenario& scenario, std::size_t number, Messages& messages)
@@ -157,12 +163,12 @@ ModelClient::Summary ModelClient::summary() const {
     return {.online = session_.isConnected(),
             .joined = session_.isJoined(kLayer),
             .wanted = wanted_,
-            .hasHistory = session_.impl_->hasHistory_,
+            .hasHistory = session_.impl_->point_.isKnown_,
             .upToDate = session_.pendingTransactions() == 0 &&
                         (!wanted_ || (confirmed && *confirmed == editor_)),
             .revision = session_.revision(),
             .holds = session_.impl_->submissions_.held_.has_value(),
-            .hash = session_.impl_->hash_,
+            .hash = session_.impl_->point_.hash_,
             .confirmed = confirmed ? sha256(asBytes(confirmed->dump())) : Hash{},
             .written = written_,
             .authored = authored_,
@@ -187,7 +193,7 @@ Labels ModelClient::pendingLabels() const {
 void ModelClient::write() {
     const auto& script = scenario_.scripts[number_];
     if (written_ == script.size() || !session_.isJoined(kLayer) ||
-        session_.impl_->resets_.contains(kLayer))
+        session_.impl_->view_.resets_.contains(kLayer))
         return;
     auto edits = script[written_](editor_, Label(number_ * 16 + written_));
     if (edits.empty()) return;
@@ -314,10 +320,10 @@ void ModelClient::on(const event::JoinFailed&) { session_.openLayer(kLayer); }
 // M7, M6: the editor shows the session's view; without pending work this is the confirmed layer.
 void ModelClient::checkEditor() const {
     const LayerDoc* view = session_.view(kLayer);
-    if (!view || (scenario_.ownTicks && session_.impl_->resets_.contains(kLayer))) return;
+    if (!view || (scenario_.ownTicks && session_.impl_->view_.resets_.contains(kLayer))) return;
     require(*view == editor_, "the editor's layer differs from the session's view");
     const LayerDoc* confirmed = session_.confirmed(kLayer);
-    if (confirmed && session_.pendingTransactions() == 0 && !session_.impl_->dirty_)
+    if (confirmed && session_.pendingTransactions() == 0 && !session_.impl_->view_.outdated_)
         require(*confirmed == *view,
                 "nothing is pending, but the view differs from the confirmed layer");
 }

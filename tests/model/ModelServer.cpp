@@ -1,7 +1,7 @@
 // The real Project with a simulated process and disk, as a machine of the model.
 #include "ModelServer.h"
 
-#include "ProjectImpl.h"
+#include "project/ProjectImpl.h"
 #include "simulation/SimClock.h"
 #include "usdlive/common/protocol/Snapshot.h"
 

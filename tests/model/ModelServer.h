@@ -9,8 +9,8 @@
 
 #include "Explored.h"
 #include "Scenario.h"
+#include "project/Project.h"
 #include "simulation/SimDisk.h"
-#include "usdlive/server/project/Project.h"
 
 namespace usdlive::model {
 

@@ -8,10 +8,10 @@
 #include "SimClock.h"
 #include "SimRandom.h"
 #include "transport/CommitOrder.h"
+#include "transport/ReplyMarks.h"
+#include "transport/SentCommits.h"
 #include "usdlive/common/dds/SegmentReceiver.h"
 #include "usdlive/common/dds/SegmentSender.h"
-#include "usdlive/server/transport/ReplyMarks.h"
-#include "usdlive/server/transport/SentCommits.h"
 
 namespace usdlive::simulation {
 

@@ -7,9 +7,9 @@
 #include <utility>
 #include <vector>
 
-#include "usdlive/server/project/CommitContent.h"
-#include "usdlive/server/storage/BlobStore.h"
-#include "usdlive/server/storage/MemoryCommitStore.h"
+#include "project/CommitContent.h"
+#include "storage/BlobStore.h"
+#include "storage/MemoryCommitStore.h"
 
 namespace usdlive::simulation {
 

@@ -1,7 +1,7 @@
 // The connections between simulated editors and the server.
 #include "SimNetwork.h"
 
-#include "usdlive/server/project/CommitContent.h"
+#include "project/CommitContent.h"
 
 namespace usdlive::simulation {
 

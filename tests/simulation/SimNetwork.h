@@ -9,8 +9,8 @@
 #include "SimClock.h"
 #include "SimDds.h"
 #include "SimRandom.h"
+#include "project/Project.h"
 #include "usdlive/common/core/Bytes.h"
-#include "usdlive/server/project/Project.h"
 
 namespace usdlive::simulation {
 

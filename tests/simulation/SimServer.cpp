@@ -4,10 +4,10 @@
 #include <algorithm>
 #include <iterator>
 
+#include "project/CommitContent.h"
 #include "usdlive/common/layer/TransactionExecutor.h"
 #include "usdlive/common/protocol/CommitBlobs.h"
 #include "usdlive/common/protocol/Snapshot.h"
-#include "usdlive/server/project/CommitContent.h"
 
 namespace usdlive::simulation {
 

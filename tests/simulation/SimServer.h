@@ -8,10 +8,10 @@
 
 #include "SimDisk.h"
 #include "SimNetwork.h"
+#include "project/NamedBlobs.h"
+#include "project/Project.h"
 #include "usdlive/common/access/AccessRules.h"
 #include "usdlive/common/layer/TransactionExecutor.h"
-#include "usdlive/server/project/NamedBlobs.h"
-#include "usdlive/server/project/Project.h"
 
 namespace usdlive::simulation {
 

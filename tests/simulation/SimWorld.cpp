@@ -8,11 +8,11 @@
 #include "SimClient.h"
 #include "SimText.h"
 #include "UndoCheck.h"
+#include "project/CommitContent.h"
 #include "session/Reversal.h"
 #include "usdlive/common/layer/LayerLock.h"
 #include "usdlive/common/layer/SpecLocks.h"
 #include "usdlive/common/layer/TransactionExecutor.h"
-#include "usdlive/server/project/CommitContent.h"
 
 namespace usdlive::simulation {
 

@@ -1,5 +1,5 @@
 // Prints and changes access rules, and decides as the server does.
-#include "usdlive/server/app/AccessCommands.h"
+#include "app/AccessCommands.h"
 
 #include <stdlib.h>
 
@@ -16,16 +16,16 @@
 #include <thread>
 #include <vector>
 
+#include "app/AdminCommands.h"
+#include "app/RunningServer.h"
+#include "auth/AccessRulesFile.h"
+#include "auth/Accounts.h"
+#include "files/LayerFiles.h"
+#include "files/PrimSearch.h"
 #include "usdlive/common/core/PercentEncoding.h"
 #include "usdlive/common/core/Utf8.h"
 #include "usdlive/common/fetch/UsdliveServer.h"
 #include "usdlive/common/layer/SpecPath.h"
-#include "usdlive/server/app/AdminCommands.h"
-#include "usdlive/server/app/RunningServer.h"
-#include "usdlive/server/auth/AccessRulesFile.h"
-#include "usdlive/server/auth/Accounts.h"
-#include "usdlive/server/files/LayerFiles.h"
-#include "usdlive/server/files/PrimSearch.h"
 
 namespace usdlive::server {
 

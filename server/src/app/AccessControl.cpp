@@ -1,5 +1,5 @@
 // Follows the accounts, and answers those who sign in.
-#include "usdlive/server/app/AccessControl.h"
+#include "app/AccessControl.h"
 
 #include <unistd.h>
 

@@ -1,5 +1,5 @@
 // Parses and runs the commands of `usdlive user`.
-#include "usdlive/server/app/AccountCommands.h"
+#include "app/AccountCommands.h"
 
 #include <signal.h>
 #include <unistd.h>
@@ -14,13 +14,13 @@
 #include <optional>
 #include <thread>
 
+#include "app/AdminCommands.h"
+#include "app/RunningServer.h"
+#include "app/TlsOptions.h"
+#include "auth/Accounts.h"
 #include "usdlive/common/core/OwnedFile.h"
 #include "usdlive/common/net/Invitation.h"
 #include "usdlive/common/net/KnownServers.h"
-#include "usdlive/server/app/AdminCommands.h"
-#include "usdlive/server/app/RunningServer.h"
-#include "usdlive/server/app/TlsOptions.h"
-#include "usdlive/server/auth/Accounts.h"
 
 namespace usdlive::server {
 

@@ -1,5 +1,5 @@
 // Logs the actions of users.
-#include "usdlive/server/app/ActivityLog.h"
+#include "app/ActivityLog.h"
 
 #include <string>
 

@@ -1,14 +1,14 @@
 // Runs and records the commands of administrators.
-#include "usdlive/server/app/AdminCommands.h"
+#include "app/AdminCommands.h"
 
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
 #include <iostream>
 
+#include "auth/Accounts.h"
+#include "auth/AuditFile.h"
 #include "usdlive/common/core/AccountName.h"
-#include "usdlive/server/auth/Accounts.h"
-#include "usdlive/server/auth/AuditFile.h"
 
 namespace usdlive::server {
 

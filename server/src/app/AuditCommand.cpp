@@ -1,5 +1,5 @@
 // Prints and checks the audit log.
-#include "usdlive/server/app/AuditCommand.h"
+#include "app/AuditCommand.h"
 
 #include <CLI/CLI.hpp>
 #include <charconv>
@@ -10,8 +10,8 @@
 #include <optional>
 #include <string>
 
-#include "usdlive/server/app/AdminCommands.h"
-#include "usdlive/server/auth/AuditFile.h"
+#include "app/AdminCommands.h"
+#include "auth/AuditFile.h"
 
 namespace usdlive::server {
 

@@ -1,5 +1,5 @@
 // Queues the events of the audit log for a worker.
-#include "usdlive/server/app/AuditLog.h"
+#include "app/AuditLog.h"
 
 #include <algorithm>
 #include <iterator>

@@ -1,5 +1,5 @@
 // Copies a project while it is served, and checks the copy.
-#include "usdlive/server/app/BackupCommand.h"
+#include "app/BackupCommand.h"
 
 #include <fcntl.h>
 #include <unistd.h>
@@ -13,13 +13,13 @@
 #include <string>
 #include <thread>
 
+#include "app/AdminCommands.h"
+#include "app/CopiedFolder.h"
+#include "app/LiveSessionFolder.h"
+#include "app/RunningServer.h"
+#include "app/StoreCopyFile.h"
+#include "storage/RocksCommitStore.h"
 #include "usdlive/common/core/Descriptor.h"
-#include "usdlive/server/app/AdminCommands.h"
-#include "usdlive/server/app/CopiedFolder.h"
-#include "usdlive/server/app/LiveSessionFolder.h"
-#include "usdlive/server/app/RunningServer.h"
-#include "usdlive/server/app/StoreCopyFile.h"
-#include "usdlive/server/storage/RocksCommitStore.h"
 
 namespace usdlive::server {
 

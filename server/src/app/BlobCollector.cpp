@@ -1,5 +1,5 @@
 // Removes unused big values in rounds.
-#include "usdlive/server/app/BlobCollector.h"
+#include "app/BlobCollector.h"
 
 #include <algorithm>
 #include <boost/asio/post.hpp>

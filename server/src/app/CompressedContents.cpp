@@ -1,5 +1,5 @@
 // Compresses contents of answers over HTTP.
-#include "CompressedContents.h"
+#include "app/CompressedContents.h"
 
 #include <zstd.h>
 

@@ -7,9 +7,9 @@
 #include <string>
 #include <utility>
 
+#include "app/LastUsed.h"
+#include "transport/HttpServer.h"
 #include "usdlive/common/core/Bytes.h"
-#include "usdlive/server/app/LastUsed.h"
-#include "usdlive/server/transport/HttpServer.h"
 
 namespace usdlive::server {
 

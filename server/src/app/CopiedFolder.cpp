@@ -1,5 +1,5 @@
 // Copies folders, and shares files that never change.
-#include "usdlive/server/app/CopiedFolder.h"
+#include "app/CopiedFolder.h"
 
 namespace usdlive::server {
 

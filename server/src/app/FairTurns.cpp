@@ -1,5 +1,5 @@
 // Decides whose work a project does next.
-#include "usdlive/server/app/FairTurns.h"
+#include "app/FairTurns.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,5 +1,5 @@
 // Routes requests, and makes the pages about the projects.
-#include "usdlive/server/app/HttpRoutes.h"
+#include "app/HttpRoutes.h"
 
 #include <algorithm>
 #include <boost/asio/post.hpp>
@@ -7,9 +7,9 @@
 #include <nlohmann/json.hpp>
 #include <utility>
 
+#include "app/Metrics.h"
+#include "transport/FileRequest.h"
 #include "usdlive/common/core/PercentEncoding.h"
-#include "usdlive/server/app/Metrics.h"
-#include "usdlive/server/transport/FileRequest.h"
 
 namespace usdlive::server {
 

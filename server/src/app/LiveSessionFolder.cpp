@@ -1,5 +1,5 @@
 // Makes, lists and removes the live sessions of a project on the disk.
-#include "usdlive/server/app/LiveSessionFolder.h"
+#include "app/LiveSessionFolder.h"
 
 #include <algorithm>
 #include <fstream>
@@ -7,11 +7,11 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 
+#include "app/CopiedFolder.h"
+#include "app/Faults.h"
+#include "project/RestoredLayers.h"
 #include "usdlive/common/core/OwnedFile.h"
 #include "usdlive/common/core/Utf8.h"
-#include "usdlive/server/app/CopiedFolder.h"
-#include "usdlive/server/app/Faults.h"
-#include "usdlive/server/project/RestoredLayers.h"
 
 namespace usdlive::server {
 

@@ -1,5 +1,5 @@
 // Does what requests ask for with live sessions.
-#include "usdlive/server/app/LiveSessions.h"
+#include "app/LiveSessions.h"
 
 #include <algorithm>
 #include <boost/asio/post.hpp>

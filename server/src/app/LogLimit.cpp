@@ -1,5 +1,5 @@
 // Counts log lines by key.
-#include "usdlive/server/app/LogLimit.h"
+#include "app/LogLimit.h"
 
 #include <algorithm>
 #include <chrono>

@@ -1,5 +1,5 @@
 // Collects a project's metrics and writes them in Prometheus' text format.
-#include "usdlive/server/app/Metrics.h"
+#include "app/Metrics.h"
 
 #include <prometheus/histogram.h>
 #include <prometheus/metric_family.h>

@@ -1,5 +1,5 @@
 // Parses the command line and the configuration file of the server.
-#include "usdlive/server/app/Options.h"
+#include "app/Options.h"
 
 #include <CLI/CLI.hpp>
 #include <algorithm>

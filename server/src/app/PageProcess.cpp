@@ -1,5 +1,5 @@
 // Starts the gateway with posix_spawn(), because fork() would copy the locks of other threads.
-#include "usdlive/server/app/PageProcess.h"
+#include "app/PageProcess.h"
 
 #include <fcntl.h>
 #include <signal.h>
@@ -13,7 +13,7 @@
 #include <filesystem>
 #include <utility>
 
-#include "usdlive/server/app/RunningServer.h"
+#include "app/RunningServer.h"
 
 extern char** environ;
 

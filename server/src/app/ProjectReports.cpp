@@ -1,5 +1,5 @@
 // Gathers the reports of several projects.
-#include "usdlive/server/app/ProjectReports.h"
+#include "app/ProjectReports.h"
 
 #include <boost/asio/post.hpp>
 #include <boost/asio/steady_timer.hpp>

@@ -1,5 +1,5 @@
 // Runs one project: its ports, its periodic work and its restart after a fault.
-#include "usdlive/server/app/ProjectRuntime.h"
+#include "app/ProjectRuntime.h"
 
 #include <algorithm>
 #include <boost/asio/post.hpp>

@@ -1,5 +1,5 @@
 // Finds, opens and removes the projects of the process and their live sessions.
-#include "usdlive/server/app/Projects.h"
+#include "app/Projects.h"
 
 #include <algorithm>
 #include <boost/asio/post.hpp>

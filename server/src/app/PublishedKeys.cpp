@@ -1,5 +1,5 @@
 // Asks the issuer for its keys in pauses, or follows the file that has them.
-#include "usdlive/server/app/PublishedKeys.h"
+#include "app/PublishedKeys.h"
 
 #include <algorithm>
 #include <boost/asio/post.hpp>

@@ -1,5 +1,5 @@
 // Records which process serves a folder, and finds the URLs of this machine.
-#include "usdlive/server/app/RunningServer.h"
+#include "app/RunningServer.h"
 
 #include <arpa/inet.h>
 #include <fcntl.h>

@@ -1,16 +1,16 @@
 // Answers requests for a project's files and for its layers as of one revision.
-#include "usdlive/server/app/ServedAssets.h"
+#include "app/ServedAssets.h"
 
 #include <algorithm>
 #include <boost/asio/post.hpp>
 #include <chrono>
 #include <nlohmann/json.hpp>
 
-#include "CompressedContents.h"
+#include "app/CompressedContents.h"
+#include "app/ProjectStrand.h"  // resultOf
 #include "usdlive/common/core/LayerPath.h"
 #include "usdlive/common/core/Sha256.h"
 #include "usdlive/common/core/Utf8.h"
-#include "usdlive/server/app/ProjectStrand.h"  // resultOf
 
 namespace usdlive::server {
 

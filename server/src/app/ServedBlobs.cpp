@@ -1,12 +1,12 @@
 // Reads and writes a project's big values on workers.
-#include "usdlive/server/app/ServedBlobs.h"
+#include "app/ServedBlobs.h"
 
 #include <algorithm>
 #include <iterator>
 #include <memory>
 #include <utility>
 
-#include "usdlive/server/project/SharedFrame.h"
+#include "project/SharedFrame.h"
 
 namespace usdlive::server {
 

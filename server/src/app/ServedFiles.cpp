@@ -1,11 +1,11 @@
 // Imports and saves a project's files on workers.
-#include "usdlive/server/app/ServedFiles.h"
+#include "app/ServedFiles.h"
 
 #include <algorithm>
 #include <chrono>
 #include <utility>
 
-#include "usdlive/server/app/Faults.h"
+#include "app/Faults.h"
 
 namespace usdlive::server {
 

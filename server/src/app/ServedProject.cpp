@@ -1,5 +1,5 @@
 // Builds one project from its disk, threads and transports.
-#include "usdlive/server/app/ServedProject.h"
+#include "app/ServedProject.h"
 
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/post.hpp>
@@ -9,16 +9,16 @@
 #include <span>
 #include <utility>
 
-#include "usdlive/server/app/ProjectRuntime.h"
-#include "usdlive/server/app/RunningServer.h"
-#include "usdlive/server/app/ServedAssets.h"
-#include "usdlive/server/app/SharedStore.h"
-#include "usdlive/server/app/StorageThread.h"
-#include "usdlive/server/files/LayerFiles.h"
-#include "usdlive/server/storage/BlobStore.h"
-#include "usdlive/server/storage/RocksCommitStore.h"
-#include "usdlive/server/transport/DdsServer.h"
-#include "usdlive/server/transport/WebSocketTransport.h"
+#include "app/ProjectRuntime.h"
+#include "app/RunningServer.h"
+#include "app/ServedAssets.h"
+#include "app/SharedStore.h"
+#include "app/StorageThread.h"
+#include "files/LayerFiles.h"
+#include "storage/BlobStore.h"
+#include "storage/RocksCommitStore.h"
+#include "transport/DdsServer.h"
+#include "transport/WebSocketTransport.h"
 
 namespace usdlive::server {
 

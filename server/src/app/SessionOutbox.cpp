@@ -1,11 +1,11 @@
 // Passes a project's messages to its transports.
-#include "usdlive/server/app/SessionOutbox.h"
+#include "app/SessionOutbox.h"
 
 #include <memory>
 #include <utility>
 
+#include "project/SharedFrame.h"
 #include "usdlive/common/protocol/Snapshot.h"
-#include "usdlive/server/project/SharedFrame.h"
 
 namespace usdlive::server {
 

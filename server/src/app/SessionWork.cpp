@@ -1,5 +1,5 @@
 // Handles the messages of sessions in fair turns.
-#include "usdlive/server/app/SessionWork.h"
+#include "app/SessionWork.h"
 
 #include <algorithm>
 #include <boost/asio/post.hpp>

@@ -1,5 +1,5 @@
 // Writes the log as text or JSON with spdlog.
-#include "usdlive/server/app/SpdLog.h"
+#include "app/SpdLog.h"
 
 #include <spdlog/logger.h>
 #include <spdlog/sinks/stdout_sinks.h>

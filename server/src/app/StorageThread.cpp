@@ -1,10 +1,10 @@
 // Appends commits in groups, and reopens the store after a failure.
-#include "usdlive/server/app/StorageThread.h"
+#include "app/StorageThread.h"
 
 #include <utility>
 
+#include "app/Faults.h"
 #include "usdlive/common/core/Thread.h"
-#include "usdlive/server/app/Faults.h"
 
 namespace usdlive::server {
 

@@ -1,10 +1,10 @@
 // Measures the disk space of a store.
-#include "usdlive/server/app/StorageUse.h"
+#include "app/StorageUse.h"
 
 #include <map>
 #include <unordered_map>
 
-#include "usdlive/server/project/CommitContent.h"
+#include "project/CommitContent.h"
 
 namespace usdlive::server {
 

@@ -1,5 +1,5 @@
 // Asks a running server for a copy of its store, and answers.
-#include "usdlive/server/app/StoreCopyFile.h"
+#include "app/StoreCopyFile.h"
 
 #include <algorithm>
 #include <fstream>

@@ -1,11 +1,11 @@
 // Connects a project with its store, the storage thread and workers.
-#include "usdlive/server/app/StoreHistory.h"
+#include "app/StoreHistory.h"
 
 #include <chrono>
 #include <utility>
 
-#include "usdlive/server/app/Faults.h"
-#include "usdlive/server/app/StorageUse.h"
+#include "app/Faults.h"
+#include "app/StorageUse.h"
 
 namespace usdlive::server {
 

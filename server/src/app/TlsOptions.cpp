@@ -1,10 +1,10 @@
 // Loads the certificate that the options name, or creates one.
-#include "usdlive/server/app/TlsOptions.h"
+#include "app/TlsOptions.h"
 
 #include <algorithm>
 
-#include "usdlive/server/app/RunningServer.h"
-#include "usdlive/server/transport/HostNames.h"
+#include "app/RunningServer.h"
+#include "transport/HostNames.h"
 
 namespace usdlive::server {
 

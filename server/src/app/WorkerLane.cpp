@@ -1,5 +1,5 @@
 // Shares threads among projects.
-#include "usdlive/server/app/WorkerLane.h"
+#include "app/WorkerLane.h"
 
 #include <sys/resource.h>
 #include <unistd.h>
@@ -9,8 +9,8 @@
 #include <exception>
 #include <utility>
 
+#include "files/OpenUsdThreads.h"
 #include "usdlive/common/core/Thread.h"
-#include "usdlive/server/files/OpenUsdThreads.h"
 
 namespace usdlive::server {
 

@@ -1,12 +1,12 @@
 // Reads the file of a project's access rules.
-#include "usdlive/server/auth/AccessRulesFile.h"
+#include "auth/AccessRulesFile.h"
 
 #include <fstream>
 #include <functional>
 #include <iterator>
 #include <nlohmann/json.hpp>
 
-#include "FileStamp.h"
+#include "auth/FileStamp.h"
 #include "usdlive/common/core/OwnedFile.h"
 
 namespace usdlive::server {

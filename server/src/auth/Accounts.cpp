@@ -1,5 +1,5 @@
 // Reads, changes and writes the accounts of a server.
-#include "usdlive/server/auth/Accounts.h"
+#include "auth/Accounts.h"
 
 #include <algorithm>
 #include <nlohmann/json.hpp>

@@ -7,9 +7,9 @@
 #include <iterator>
 #include <system_error>
 
-#include "FileStamp.h"
+#include "auth/Accounts.h"
+#include "auth/FileStamp.h"
 #include "usdlive/common/core/OwnedFile.h"
-#include "usdlive/server/auth/Accounts.h"
 
 namespace usdlive::server {
 

@@ -1,5 +1,5 @@
 // Appends to the audit log and checks its chain.
-#include "usdlive/server/auth/AuditFile.h"
+#include "auth/AuditFile.h"
 
 #include <fcntl.h>
 #include <sys/stat.h>

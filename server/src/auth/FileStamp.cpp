@@ -1,5 +1,5 @@
 // Makes the stamp of a file from its metadata.
-#include "FileStamp.h"
+#include "auth/FileStamp.h"
 
 #include <sys/stat.h>
 

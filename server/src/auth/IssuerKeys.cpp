@@ -9,9 +9,9 @@
 #include <new>
 #include <nlohmann/json.hpp>
 
-#include "StrictJson.h"
+#include "auth/OpenIdConnect.h"
+#include "auth/StrictJson.h"
 #include "usdlive/common/core/Base64Url.h"
-#include "usdlive/server/auth/OpenIdConnect.h"
 
 namespace usdlive::server {
 

@@ -1,9 +1,9 @@
 // Reads the file with the keys of an issuer.
-#include "usdlive/server/auth/IssuerKeysFile.h"
+#include "auth/IssuerKeysFile.h"
 
 #include <fstream>
 
-#include "FileStamp.h"
+#include "auth/FileStamp.h"
 
 namespace usdlive::server {
 

@@ -1,5 +1,5 @@
 // Computes the pauses between questions to an issuer.
-#include "usdlive/server/auth/KeySchedule.h"
+#include "auth/KeySchedule.h"
 
 #include <algorithm>
 #include <utility>

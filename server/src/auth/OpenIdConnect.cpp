@@ -1,6 +1,6 @@
 // Checks signatures and claims. Nothing of the claims is read before the signature is known to be
 // the issuer's.
-#include "usdlive/server/auth/OpenIdConnect.h"
+#include "auth/OpenIdConnect.h"
 
 #include <openssl/bn.h>
 #include <openssl/ecdsa.h>
@@ -13,10 +13,10 @@
 #include <new>
 #include <nlohmann/json.hpp>
 
-#include "StrictJson.h"
+#include "auth/Accounts.h"
+#include "auth/StrictJson.h"
 #include "usdlive/common/core/Base64Url.h"
 #include "usdlive/common/core/Utf8.h"
-#include "usdlive/server/auth/Accounts.h"
 
 namespace usdlive::server {
 

@@ -1,12 +1,12 @@
 // Writes and removes the token of the server's owner.
-#include "usdlive/server/auth/OwnerToken.h"
+#include "auth/OwnerToken.h"
 
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "auth/Accounts.h"
 #include "usdlive/common/core/OwnedFile.h"
 #include "usdlive/common/net/KnownServers.h"
-#include "usdlive/server/auth/Accounts.h"
 
 namespace usdlive::server {
 

@@ -1,5 +1,5 @@
 // Finds the user of a request, and slows down those who guess.
-#include "usdlive/server/auth/SignIn.h"
+#include "auth/SignIn.h"
 
 #include <algorithm>
 

@@ -1,5 +1,5 @@
 // Parses JSON, and refuses what nlohmann-json would accept silently.
-#include "StrictJson.h"
+#include "auth/StrictJson.h"
 
 #include <nlohmann/json.hpp>
 #include <set>

@@ -1,5 +1,5 @@
 // Lists, hashes and opens the files of a project.
-#include "usdlive/server/files/AssetFiles.h"
+#include "files/AssetFiles.h"
 
 #include <fcntl.h>
 #include <sys/stat.h>
@@ -10,10 +10,10 @@
 #include <cstring>
 #include <unordered_set>
 
-#include "AssetWriter.h"
-#include "FileStamps.h"
-#include "FolderWalk.h"
-#include "FolderWatch.h"
+#include "files/AssetWriter.h"
+#include "files/FileStamps.h"
+#include "files/FolderWalk.h"
+#include "files/FolderWatch.h"
 #include "usdlive/common/core/Descriptor.h"
 #include "usdlive/common/core/FilePath.h"
 #include "usdlive/common/core/Sha256.h"

@@ -1,5 +1,5 @@
 // Writes a new file into a project's folder, whole or not at all.
-#include "AssetWriter.h"
+#include "files/AssetWriter.h"
 
 #include <fcntl.h>
 #include <stdio.h>  // renameat2
@@ -15,9 +15,9 @@
 #include <utility>
 #include <vector>
 
-#include "FileStamps.h"
-#include "FolderWalk.h"
-#include "SafeFile.h"
+#include "files/FileStamps.h"
+#include "files/FolderWalk.h"
+#include "files/SafeFile.h"
 #include "usdlive/common/core/Descriptor.h"
 #include "usdlive/common/core/LayerPath.h"
 #include "usdlive/common/core/Utf8.h"

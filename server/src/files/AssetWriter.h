@@ -9,9 +9,9 @@
 #include <optional>
 #include <string>
 
+#include "project/CommitStore.h"
 #include "usdlive/common/core/Bytes.h"
 #include "usdlive/common/core/Result.h"
-#include "usdlive/server/project/CommitStore.h"
 
 namespace usdlive::server {
 

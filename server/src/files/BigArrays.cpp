@@ -1,5 +1,5 @@
 // Writes layers with big arrays as text, part by part.
-#include "BigArrays.h"
+#include "files/BigArrays.h"
 
 #include <pxr/base/tf/stringUtils.h>
 #include <pxr/base/vt/value.h>
@@ -13,7 +13,7 @@
 #include <cstring>
 #include <fstream>
 
-#include "BlobBridge.h"
+#include "files/BlobBridge.h"
 #include "usdlive/common/core/ByteStream.h"
 #include "usdlive/common/usd/LayerFill.h"
 #include "usdlive/common/usd/TfComplaints.h"

@@ -3,8 +3,8 @@
 
 #include <filesystem>
 
+#include "project/CommitStore.h"
 #include "usdlive/common/layer/LayerDoc.h"
-#include "usdlive/server/project/CommitStore.h"
 
 namespace usdlive::server {
 

@@ -1,5 +1,5 @@
 // Connects the codec of USD values with the blob store.
-#include "BlobBridge.h"
+#include "files/BlobBridge.h"
 
 namespace usdlive::server {
 

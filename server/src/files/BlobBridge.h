@@ -3,8 +3,8 @@
 
 #include <mutex>
 
+#include "project/CommitStore.h"
 #include "usdlive/common/usd/ValueCodec.h"
-#include "usdlive/server/project/CommitStore.h"
 
 namespace usdlive::server {
 

@@ -1,5 +1,5 @@
 // Reads the attributes and the hash of a layer's file.
-#include "FileStamps.h"
+#include "files/FileStamps.h"
 
 #include <fcntl.h>
 #include <sys/stat.h>
@@ -9,7 +9,7 @@
 #include <cerrno>
 #include <cstring>
 
-#include "SafeFile.h"
+#include "files/SafeFile.h"
 #include "usdlive/common/core/AccountName.h"
 #include "usdlive/common/core/Descriptor.h"
 #include "usdlive/common/core/Sha256.h"

@@ -9,8 +9,8 @@
 #include <optional>
 #include <string>
 
+#include "project/CommitStore.h"
 #include "usdlive/common/core/Result.h"
-#include "usdlive/server/project/CommitStore.h"
 
 namespace usdlive::server {
 

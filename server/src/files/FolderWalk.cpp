@@ -1,5 +1,5 @@
 // Walks through a project's folder and follows links inside it (FI5).
-#include "FolderWalk.h"
+#include "files/FolderWalk.h"
 
 #include <algorithm>
 #include <system_error>

@@ -1,5 +1,5 @@
 // Notices when the files in folders change, with inotify.
-#include "FolderWatch.h"
+#include "files/FolderWatch.h"
 
 #include <linux/magic.h>
 #include <sys/inotify.h>

@@ -1,5 +1,5 @@
 // Lists, imports and saves the USD files of a project.
-#include "usdlive/server/files/LayerFiles.h"
+#include "files/LayerFiles.h"
 
 #include <fcntl.h>
 #include <pxr/usd/sdf/fileFormat.h>
@@ -14,13 +14,13 @@
 #include <future>
 #include <mutex>
 
-#include "BigArrays.h"
-#include "BlobBridge.h"
-#include "FileStamps.h"
-#include "FolderWalk.h"
-#include "OpenLayerFile.h"
-#include "OpenLayerFiles.h"
-#include "SafeFile.h"
+#include "files/BigArrays.h"
+#include "files/BlobBridge.h"
+#include "files/FileStamps.h"
+#include "files/FolderWalk.h"
+#include "files/OpenLayerFile.h"
+#include "files/OpenLayerFiles.h"
+#include "files/SafeFile.h"
 #include "usdlive/common/core/Descriptor.h"
 #include "usdlive/common/core/Utf8.h"
 #include "usdlive/common/protocol/ServerControl.h"

@@ -3,8 +3,8 @@
 #include <set>
 #include <utility>
 
-#include "OpenLayerFiles.h"
-#include "usdlive/server/files/LayerFiles.h"
+#include "files/LayerFiles.h"
+#include "files/OpenLayerFiles.h"
 
 namespace usdlive::server {
 

@@ -1,5 +1,5 @@
 // Opens the file of a layer.
-#include "OpenLayerFile.h"
+#include "files/OpenLayerFile.h"
 
 #include "usdlive/common/usd/TextDepth.h"
 #include "usdlive/common/usd/TfComplaints.h"

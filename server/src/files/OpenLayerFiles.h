@@ -4,7 +4,7 @@
 #include <filesystem>
 #include <memory>
 
-#include "usdlive/server/files/LayerFiles.h"
+#include "files/LayerFiles.h"
 
 namespace usdlive::server {
 

@@ -1,5 +1,5 @@
 // Keeps OpenUSD from starting threads.
-#include "usdlive/server/files/OpenUsdThreads.h"
+#include "files/OpenUsdThreads.h"
 
 #include <tbb/task_arena.h>
 

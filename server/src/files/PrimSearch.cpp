@@ -1,8 +1,8 @@
 // Looks for prims in the file of a layer.
-#include "usdlive/server/files/PrimSearch.h"
+#include "files/PrimSearch.h"
 
-#include "OpenLayerFile.h"
-#include "usdlive/server/files/OpenUsdThreads.h"
+#include "files/OpenLayerFile.h"
+#include "files/OpenUsdThreads.h"
 
 namespace usdlive::server {
 

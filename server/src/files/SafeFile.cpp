@@ -1,5 +1,5 @@
 // Replaces a file atomically.
-#include "SafeFile.h"
+#include "files/SafeFile.h"
 
 #include <fcntl.h>
 #include <sys/stat.h>

@@ -1,5 +1,5 @@
 // Decodes stored commits and executes them again.
-#include "usdlive/server/project/CommitContent.h"
+#include "project/CommitContent.h"
 
 #include <algorithm>
 

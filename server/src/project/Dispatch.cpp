@@ -3,7 +3,7 @@
 #include <map>
 #include <utility>
 
-#include "ProjectImpl.h"
+#include "project/ProjectImpl.h"
 #include "usdlive/common/core/Overloaded.h"
 #include "usdlive/common/protocol/CheckedControl.h"
 

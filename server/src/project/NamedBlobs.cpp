@@ -1,5 +1,5 @@
 // Reads the history and collects the big values that it names.
-#include "usdlive/server/project/NamedBlobs.h"
+#include "project/NamedBlobs.h"
 
 #include <algorithm>
 

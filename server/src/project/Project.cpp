@@ -1,10 +1,10 @@
 // Implements Project: passes each call to the part that handles it.
-#include "usdlive/server/project/Project.h"
+#include "project/Project.h"
 
 #include <span>
 
-#include "ProjectImpl.h"
-#include "sessions/UpdateFrames.h"
+#include "project/ProjectImpl.h"
+#include "project/sessions/UpdateFrames.h"
 
 namespace usdlive::server {
 

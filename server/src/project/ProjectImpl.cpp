@@ -1,5 +1,5 @@
 // Creates a project from its parts and connects them.
-#include "ProjectImpl.h"
+#include "project/ProjectImpl.h"
 
 #include <utility>
 

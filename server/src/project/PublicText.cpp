@@ -1,5 +1,5 @@
 // Removes folders of the machine from texts.
-#include "usdlive/server/project/PublicText.h"
+#include "project/PublicText.h"
 
 #include <algorithm>
 #include <utility>

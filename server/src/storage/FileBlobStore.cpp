@@ -12,12 +12,12 @@
 #include <unordered_set>
 #include <utility>
 
-#include "BlobRules.h"
-#include "Files.h"
-#include "FreeSpace.h"
+#include "storage/BlobRules.h"
+#include "storage/BlobStore.h"
+#include "storage/Files.h"
+#include "storage/FreeSpace.h"
 #include "usdlive/common/core/Budget.h"
 #include "usdlive/common/core/Sha256.h"
-#include "usdlive/server/storage/BlobStore.h"
 
 namespace usdlive::server {
 

@@ -1,5 +1,5 @@
 // Reads and writes files with errors that name the file.
-#include "Files.h"
+#include "storage/Files.h"
 
 #include <fcntl.h>
 #include <sys/stat.h>

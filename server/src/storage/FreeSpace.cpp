@@ -1,5 +1,5 @@
 // Measures the free space of a disk and keeps a reserve file.
-#include "FreeSpace.h"
+#include "storage/FreeSpace.h"
 
 #include <fcntl.h>
 #include <sys/statvfs.h>
@@ -8,7 +8,7 @@
 #include <algorithm>
 #include <utility>
 
-#include "Files.h"
+#include "storage/Files.h"
 
 namespace usdlive::server {
 

@@ -1,11 +1,11 @@
 // Encodes and decodes the snapshots of layers.
-#include "LayerSnapshots.h"
+#include "storage/LayerSnapshots.h"
 
 #include <fcntl.h>
 
 #include <algorithm>
 
-#include "Files.h"
+#include "storage/Files.h"
 #include "usdlive/common/core/ByteStream.h"
 #include "usdlive/common/protocol/Snapshot.h"
 

@@ -3,8 +3,8 @@
 #include <map>
 #include <mutex>
 
-#include "BlobRules.h"
-#include "usdlive/server/storage/BlobStore.h"
+#include "storage/BlobRules.h"
+#include "storage/BlobStore.h"
 
 namespace usdlive::server {
 

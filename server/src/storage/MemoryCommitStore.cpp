@@ -1,13 +1,13 @@
 // A commit store in memory, for tests and the simulation.
-#include "usdlive/server/storage/MemoryCommitStore.h"
+#include "storage/MemoryCommitStore.h"
 
 #include <algorithm>
 #include <map>
 #include <mutex>
 #include <utility>
 
-#include "StoreRules.h"
-#include "usdlive/server/project/CommitContent.h"
+#include "project/CommitContent.h"
+#include "storage/StoreRules.h"
 
 namespace usdlive::server {
 

@@ -2,8 +2,8 @@
 #include <algorithm>
 #include <cstdio>
 
-#include "RocksCommitStoreImpl.h"
-#include "StoreRules.h"
+#include "storage/RocksCommitStoreImpl.h"
+#include "storage/StoreRules.h"
 
 namespace usdlive::server {
 

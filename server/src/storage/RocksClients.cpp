@@ -1,8 +1,8 @@
 // Keeps the transactions of the clients that committed last (M9).
 #include <algorithm>
 
-#include "RocksCommitStoreImpl.h"
-#include "StoreRules.h"
+#include "storage/RocksCommitStoreImpl.h"
+#include "storage/StoreRules.h"
 
 namespace usdlive::server {
 

@@ -1,7 +1,7 @@
 // Watches the disk space of the store and creates its errors.
 #include <algorithm>
 
-#include "RocksCommitStoreImpl.h"
+#include "storage/RocksCommitStoreImpl.h"
 
 namespace usdlive::server {
 

@@ -13,14 +13,14 @@
 #include <shared_mutex>
 #include <unordered_map>
 
-#include "BackgroundWork.h"
-#include "FreeSpace.h"
-#include "LayerSnapshots.h"
-#include "RocksSupport.h"
-#include "RocksTuning.h"
-#include "StoreFolder.h"
-#include "StoreRecords.h"
-#include "usdlive/server/storage/RocksCommitStore.h"
+#include "storage/BackgroundWork.h"
+#include "storage/FreeSpace.h"
+#include "storage/LayerSnapshots.h"
+#include "storage/RocksCommitStore.h"
+#include "storage/RocksSupport.h"
+#include "storage/RocksTuning.h"
+#include "storage/StoreFolder.h"
+#include "storage/StoreRecords.h"
 
 namespace usdlive::server {
 

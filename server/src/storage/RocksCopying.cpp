@@ -1,7 +1,7 @@
 // Copies the store while it is in use.
 #include <rocksdb/utilities/checkpoint.h>
 
-#include "RocksCommitStoreImpl.h"
+#include "storage/RocksCommitStoreImpl.h"
 
 namespace usdlive::server {
 

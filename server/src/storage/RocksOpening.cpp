@@ -1,8 +1,8 @@
 // Opens the store: locks the folder, opens the database and verifies its content.
 #include <charconv>
 
-#include "RocksCommitStoreImpl.h"
-#include "StoreRules.h"
+#include "storage/RocksCommitStoreImpl.h"
+#include "storage/StoreRules.h"
 
 namespace usdlive::server {
 

@@ -1,6 +1,6 @@
 // Reads commits, layers and checkpoints from the store.
-#include "RocksCommitStoreImpl.h"
-#include "StoreRules.h"
+#include "storage/RocksCommitStoreImpl.h"
+#include "storage/StoreRules.h"
 
 namespace usdlive::server {
 

@@ -1,5 +1,5 @@
 // The options of RocksDB.
-#include "RocksTuning.h"
+#include "storage/RocksTuning.h"
 
 #include <rocksdb/cache.h>
 #include <rocksdb/env.h>
@@ -7,9 +7,9 @@
 #include <rocksdb/slice_transform.h>
 #include <rocksdb/table.h>
 
-#include "StoreKeys.h"
+#include "storage/RocksCommitStore.h"
+#include "storage/StoreKeys.h"
 #include "usdlive/common/core/Thread.h"
-#include "usdlive/server/storage/RocksCommitStore.h"
 
 namespace usdlive::server {
 

@@ -1,5 +1,5 @@
 // The folder of a store: its lock, format and mark.
-#include "StoreFolder.h"
+#include "storage/StoreFolder.h"
 
 #include <fcntl.h>
 #include <sys/file.h>

@@ -4,7 +4,7 @@
 #include <filesystem>
 #include <optional>
 
-#include "Files.h"
+#include "storage/Files.h"
 #include "usdlive/common/core/Hash.h"
 #include "usdlive/common/core/Id.h"
 

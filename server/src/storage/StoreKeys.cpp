@@ -1,7 +1,7 @@
 // Builds and parses the keys of the store's records.
-#include "StoreKeys.h"
+#include "storage/StoreKeys.h"
 
-#include "StoreRules.h"
+#include "storage/StoreRules.h"
 
 namespace usdlive::server::storekeys {
 

@@ -1,11 +1,11 @@
 // Encodes and decodes the store's records.
-#include "StoreRecords.h"
+#include "storage/StoreRecords.h"
 
 #include <algorithm>
 #include <limits>
 
+#include "project/CommitContent.h"
 #include "usdlive/common/protocol/Frame.h"
-#include "usdlive/server/project/CommitContent.h"
 
 namespace usdlive::server {
 

@@ -8,9 +8,9 @@
 #include <string_view>
 #include <vector>
 
-#include "StoreKeys.h"
+#include "project/CommitStore.h"
+#include "storage/StoreKeys.h"
 #include "usdlive/common/core/ByteStream.h"
-#include "usdlive/server/project/CommitStore.h"
 
 // The records of the meta family: their keys and content.
 namespace usdlive::server {

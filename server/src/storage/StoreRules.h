@@ -5,8 +5,8 @@
 #include <span>
 #include <string>
 
+#include "project/CommitContent.h"
 #include "usdlive/common/protocol/Control.h"
-#include "usdlive/server/project/CommitContent.h"
 
 // Rules that all commit stores share.
 namespace usdlive::server {

@@ -1,5 +1,5 @@
 // Serves the sessions of one project over DDS.
-#include "usdlive/server/transport/DdsServer.h"
+#include "transport/DdsServer.h"
 
 #include <algorithm>
 #include <atomic>
@@ -15,9 +15,9 @@
 #include <utility>
 #include <vector>
 
-#include "DdsSession.h"
-#include "DdsStatePublisher.h"
-#include "WhileAlive.h"
+#include "transport/DdsSession.h"
+#include "transport/DdsStatePublisher.h"
+#include "transport/WhileAlive.h"
 #include "usdlive/common/core/Budget.h"
 #include "usdlive/common/core/Overloaded.h"
 #include "usdlive/common/core/Thread.h"

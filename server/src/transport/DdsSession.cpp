@@ -1,13 +1,13 @@
 // One client's session over DDS.
-#include "DdsSession.h"
+#include "transport/DdsSession.h"
 
 #include <algorithm>
 #include <boost/asio/post.hpp>
 #include <utility>
 
+#include "transport/ReplyMarks.h"
 #include "usdlive/common/dds/Topics.h"
 #include "usdlive/common/transport/BulkWindow.h"
-#include "usdlive/server/transport/ReplyMarks.h"
 
 namespace usdlive::server {
 

@@ -8,13 +8,13 @@
 #include <optional>
 #include <string_view>
 
-#include "SessionCore.h"
+#include "transport/DdsServer.h"
+#include "transport/IgnoredSamples.h"
+#include "transport/SentCommits.h"
+#include "transport/SessionCore.h"
 #include "usdlive/common/dds/Domain.h"
 #include "usdlive/common/dds/SegmentReceiver.h"
 #include "usdlive/common/dds/SegmentSender.h"
-#include "usdlive/server/transport/DdsServer.h"
-#include "usdlive/server/transport/IgnoredSamples.h"
-#include "usdlive/server/transport/SentCommits.h"
 
 namespace usdlive::server {
 

@@ -1,5 +1,5 @@
 // Publishes layer states and presences to all clients over DDS.
-#include "DdsStatePublisher.h"
+#include "transport/DdsStatePublisher.h"
 
 #include <chrono>
 #include <utility>

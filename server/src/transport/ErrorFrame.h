@@ -1,7 +1,7 @@
 // Encodes the error that ends a session.
 #pragma once
 
-#include "usdlive/server/project/SharedFrame.h"
+#include "project/SharedFrame.h"
 
 namespace usdlive::server {
 

@@ -1,5 +1,5 @@
 // Parses requests for a project's files.
-#include "usdlive/server/transport/FileRequest.h"
+#include "transport/FileRequest.h"
 
 #include <charconv>
 

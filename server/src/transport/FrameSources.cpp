@@ -1,5 +1,5 @@
 // Produces the frames of a session's sources in the background.
-#include "FrameSources.h"
+#include "transport/FrameSources.h"
 
 #include <boost/asio/post.hpp>
 #include <utility>

@@ -7,7 +7,7 @@
 #include <memory>
 #include <optional>
 
-#include "usdlive/server/transport/Transport.h"
+#include "transport/Transport.h"
 
 namespace usdlive::server {
 

@@ -1,5 +1,5 @@
 // Compares the hosts of requests with the names of the server.
-#include "usdlive/server/transport/HostNames.h"
+#include "transport/HostNames.h"
 
 #include <netdb.h>
 #include <unistd.h>

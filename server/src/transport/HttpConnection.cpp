@@ -1,5 +1,5 @@
 // Reads one HTTP request and answers it, or hands the connection over as a session.
-#include "HttpConnection.h"
+#include "transport/HttpConnection.h"
 
 #include <sys/socket.h>
 
@@ -19,9 +19,9 @@
 #include <optional>
 #include <utility>
 
-#include "HttpRanges.h"
-#include "Upgrade.h"
-#include "usdlive/server/transport/ServerTls.h"
+#include "transport/HttpRanges.h"
+#include "transport/ServerTls.h"
+#include "transport/Upgrade.h"
 
 namespace usdlive::server {
 

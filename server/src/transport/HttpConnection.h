@@ -3,10 +3,10 @@
 
 #include <memory>
 
-#include "HttpHub.h"
-#include "Timer.h"
+#include "transport/HttpHub.h"
+#include "transport/Seats.h"
+#include "transport/Timer.h"
 #include "usdlive/common/net/NetStream.h"
-#include "usdlive/server/transport/Seats.h"
 
 namespace usdlive::server {
 

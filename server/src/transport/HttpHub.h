@@ -3,7 +3,7 @@
 
 #include <boost/asio/io_context.hpp>
 
-#include "usdlive/server/transport/HttpServer.h"
+#include "transport/HttpServer.h"
 
 namespace usdlive::server {
 

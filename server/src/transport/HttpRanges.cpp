@@ -1,5 +1,5 @@
 // Parses the header Range of a request.
-#include "HttpRanges.h"
+#include "transport/HttpRanges.h"
 
 #include <algorithm>
 #include <charconv>

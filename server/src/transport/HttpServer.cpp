@@ -1,5 +1,5 @@
 // Accepts connections, reads their requests, and hands sessions to the transports that serve them.
-#include "usdlive/server/transport/HttpServer.h"
+#include "transport/HttpServer.h"
 
 #include <algorithm>
 #include <boost/asio/basic_socket_acceptor.hpp>
@@ -7,8 +7,8 @@
 #include <unordered_map>
 #include <utility>
 
-#include "HttpConnection.h"
-#include "WhileAlive.h"
+#include "transport/HttpConnection.h"
+#include "transport/WhileAlive.h"
 
 namespace usdlive::server {
 

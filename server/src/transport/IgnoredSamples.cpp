@@ -1,5 +1,5 @@
 // Counts the DDS samples that the server ignores.
-#include "usdlive/server/transport/IgnoredSamples.h"
+#include "transport/IgnoredSamples.h"
 
 namespace usdlive::server {
 

@@ -1,5 +1,5 @@
 // Gives seats to connections, and takes them back from guests that keep others out.
-#include "usdlive/server/transport/Seats.h"
+#include "transport/Seats.h"
 
 #include <algorithm>
 #include <iterator>

@@ -1,5 +1,5 @@
 // A queue of frames for one connection.
-#include "usdlive/server/transport/SendQueue.h"
+#include "transport/SendQueue.h"
 
 #include <utility>
 

@@ -1,5 +1,5 @@
 // Keeps the latest broadcast commits.
-#include "usdlive/server/transport/SentCommits.h"
+#include "transport/SentCommits.h"
 
 #include <utility>
 

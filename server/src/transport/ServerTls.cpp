@@ -1,5 +1,5 @@
 // Loads, checks and creates certificates of the server.
-#include "usdlive/server/transport/ServerTls.h"
+#include "transport/ServerTls.h"
 
 #include <openssl/bio.h>
 #include <openssl/err.h>
@@ -16,8 +16,8 @@
 #include <system_error>
 #include <utility>
 
+#include "transport/HostNames.h"
 #include "usdlive/common/core/OwnedFile.h"
-#include "usdlive/server/transport/HostNames.h"
 
 namespace usdlive::server {
 

@@ -1,11 +1,11 @@
 // The common part of sessions on all transports.
-#include "SessionCore.h"
+#include "transport/SessionCore.h"
 
 #include <boost/asio/post.hpp>
 #include <utility>
 
-#include "ErrorFrame.h"
-#include "WhileAlive.h"
+#include "transport/ErrorFrame.h"
+#include "transport/WhileAlive.h"
 
 namespace usdlive::server {
 

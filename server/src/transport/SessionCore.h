@@ -7,10 +7,10 @@
 #include <string>
 #include <string_view>
 
-#include "FrameSources.h"
-#include "QueueLimit.h"
-#include "usdlive/server/transport/Log.h"
-#include "usdlive/server/transport/Transport.h"
+#include "transport/FrameSources.h"
+#include "transport/Log.h"
+#include "transport/QueueLimit.h"
+#include "transport/Transport.h"
 
 namespace usdlive::server {
 

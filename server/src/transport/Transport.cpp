@@ -1,5 +1,5 @@
 // The default implementations of a Transport, which send to each session individually.
-#include "usdlive/server/transport/Transport.h"
+#include "transport/Transport.h"
 
 namespace usdlive::server {
 

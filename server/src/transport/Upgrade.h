@@ -6,10 +6,10 @@
 #include <memory>
 #include <optional>
 
+#include "project/Subject.h"
+#include "transport/Seats.h"
+#include "transport/WebSocketTransport.h"
 #include "usdlive/common/net/NetStream.h"
-#include "usdlive/server/project/Subject.h"
-#include "usdlive/server/transport/Seats.h"
-#include "usdlive/server/transport/WebSocketTransport.h"
 
 namespace usdlive::server {
 

@@ -4,9 +4,9 @@
 #include <boost/asio/io_context.hpp>
 #include <memory>
 
-#include "SessionCore.h"
-#include "Timer.h"
-#include "usdlive/server/transport/WebSocketTransport.h"
+#include "transport/SessionCore.h"
+#include "transport/Timer.h"
+#include "transport/WebSocketTransport.h"
 
 namespace usdlive::server {
 

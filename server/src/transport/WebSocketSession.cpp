@@ -1,5 +1,5 @@
 // One client's session over a WebSocket.
-#include "WebSocketSession.h"
+#include "transport/WebSocketSession.h"
 
 #include <algorithm>
 #include <boost/beast/core/flat_buffer.hpp>
@@ -7,12 +7,12 @@
 #include <utility>
 #include <vector>
 
+#include "transport/SendQueue.h"
 #include "usdlive/common/protocol/CheckedControl.h"
 #include "usdlive/common/protocol/Control.h"
 #include "usdlive/common/protocol/Frame.h"
 #include "usdlive/common/transport/BulkWindow.h"
 #include "usdlive/common/transport/PeerLife.h"
-#include "usdlive/server/transport/SendQueue.h"
 
 namespace usdlive::server {
 

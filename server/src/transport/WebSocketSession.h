@@ -4,9 +4,9 @@
 #include <memory>
 #include <string>
 
-#include "SessionCore.h"
-#include "Upgrade.h"
-#include "WebSocketHub.h"
+#include "transport/SessionCore.h"
+#include "transport/Upgrade.h"
+#include "transport/WebSocketHub.h"
 
 namespace usdlive::server {
 

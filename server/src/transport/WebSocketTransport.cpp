@@ -1,5 +1,5 @@
 // Serves the WebSocket sessions of one project.
-#include "usdlive/server/transport/WebSocketTransport.h"
+#include "transport/WebSocketTransport.h"
 
 #include <algorithm>
 #include <boost/asio/basic_waitable_timer.hpp>
@@ -8,10 +8,10 @@
 #include <unordered_map>
 #include <utility>
 
-#include "Upgrade.h"
-#include "WebSocketHub.h"
-#include "WebSocketSession.h"
-#include "WhileAlive.h"
+#include "transport/Upgrade.h"
+#include "transport/WebSocketHub.h"
+#include "transport/WebSocketSession.h"
+#include "transport/WhileAlive.h"
 
 namespace usdlive::server {
 

@@ -1,5 +1,5 @@
 // Stands in for the DDS transport in a build without it (USDLIVE_DDS=OFF): the call says so.
-#include "usdlive/server/transport/DdsServer.h"
+#include "transport/DdsServer.h"
 
 namespace usdlive::server {
 

@@ -1,6 +1,6 @@
 // Decides about locks of layers (LK1 to LK4) and about actions of administrators. SpecLocks.cpp
 // decides about locks of specs.
-#include "access/AccessPolicy.h"
+#include "project/access/AccessPolicy.h"
 
 #include <map>
 

@@ -9,10 +9,10 @@
 #include <utility>
 #include <vector>
 
-#include "Wiring.h"
-#include "layers/LayerListener.h"
-#include "lines/LineListener.h"
-#include "sessions/Session.h"  // Subject
+#include "project/Wiring.h"
+#include "project/layers/LayerListener.h"
+#include "project/lines/LineListener.h"
+#include "project/sessions/Session.h"  // Subject
 #include "usdlive/common/access/AccessRules.h"
 #include "usdlive/common/layer/LayerLock.h"
 #include "usdlive/common/layer/SpecLocks.h"

@@ -2,7 +2,7 @@
 #include <algorithm>
 #include <utility>
 
-#include "access/AccessPolicy.h"
+#include "project/access/AccessPolicy.h"
 #include "usdlive/common/layer/GlobalMuteness.h"
 #include "usdlive/common/layer/SpecPath.h"
 

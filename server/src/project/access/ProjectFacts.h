@@ -1,10 +1,10 @@
 // The state of a project on which its access rules depend.
 #pragma once
 
-#include "access/AccessPolicy.h"
-#include "layers/StateBoard.h"
-#include "lines/HistoryLine.h"
-#include "sessions/SessionTable.h"
+#include "project/access/AccessPolicy.h"
+#include "project/layers/StateBoard.h"
+#include "project/lines/HistoryLine.h"
+#include "project/sessions/SessionTable.h"
 
 namespace usdlive::server {
 

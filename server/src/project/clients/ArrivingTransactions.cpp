@@ -1,5 +1,5 @@
 // Joins transactions that are received in parts.
-#include "clients/ArrivingTransactions.h"
+#include "project/clients/ArrivingTransactions.h"
 
 #include <utility>
 

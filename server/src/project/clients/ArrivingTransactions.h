@@ -5,8 +5,8 @@
 #include <optional>
 #include <unordered_set>
 
-#include "clients/TransactionSize.h"
-#include "sessions/Session.h"
+#include "project/clients/TransactionSize.h"
+#include "project/sessions/Session.h"
 #include "usdlive/common/protocol/FrameParts.h"
 
 namespace usdlive::server {

@@ -1,5 +1,5 @@
 // Keeps the committed transactions of clients, and the specs that they created.
-#include "clients/Authors.h"
+#include "project/clients/Authors.h"
 
 #include <algorithm>
 #include <utility>

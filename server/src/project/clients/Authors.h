@@ -6,13 +6,13 @@
 #include <set>
 #include <unordered_map>
 
-#include "Wiring.h"
-#include "clients/CommittedNumbers.h"
-#include "lines/HistoryLine.h"
-#include "lines/StoreCondition.h"
-#include "sessions/SessionTable.h"
+#include "project/Wiring.h"
+#include "project/clients/CommittedNumbers.h"
+#include "project/lines/HistoryLine.h"
+#include "project/lines/StoreCondition.h"
+#include "project/ports/History.h"
+#include "project/sessions/SessionTable.h"
 #include "usdlive/common/layer/TransactionExecutor.h"
-#include "usdlive/server/project/ports/History.h"
 
 namespace usdlive::server {
 

@@ -8,7 +8,7 @@
 #include <utility>
 #include <vector>
 
-#include "usdlive/server/project/CommitStore.h"
+#include "project/CommitStore.h"
 
 namespace usdlive::server {
 

@@ -1,5 +1,5 @@
 // Checks hello messages and sends welcomes.
-#include "clients/Greeting.h"
+#include "project/clients/Greeting.h"
 
 #include <algorithm>
 #include <cctype>

@@ -3,15 +3,15 @@
 
 #include <optional>
 
-#include "Wiring.h"
-#include "access/AccessPolicy.h"
-#include "clients/Authors.h"
-#include "layers/LayerLists.h"
-#include "layers/StateBoard.h"
-#include "lines/HistoryStart.h"
-#include "sessions/PresenceBoard.h"
-#include "stream/Catchup.h"
-#include "stream/Gestures.h"
+#include "project/Wiring.h"
+#include "project/access/AccessPolicy.h"
+#include "project/clients/Authors.h"
+#include "project/layers/LayerLists.h"
+#include "project/layers/StateBoard.h"
+#include "project/lines/HistoryStart.h"
+#include "project/sessions/PresenceBoard.h"
+#include "project/stream/Catchup.h"
+#include "project/stream/Gestures.h"
 
 namespace usdlive::server {
 

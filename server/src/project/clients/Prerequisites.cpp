@@ -1,12 +1,12 @@
 // Finds the data that a transaction needs, and requests what is missing.
-#include "clients/Prerequisites.h"
+#include "project/clients/Prerequisites.h"
 
 #include <functional>
 #include <optional>
 #include <unordered_set>
 
+#include "project/CommitContent.h"
 #include "usdlive/common/layer/SpecPath.h"
-#include "usdlive/server/project/CommitContent.h"
 
 namespace usdlive::server {
 

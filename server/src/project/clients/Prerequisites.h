@@ -4,12 +4,12 @@
 #include <set>
 #include <variant>
 
-#include "Wiring.h"
-#include "clients/Authors.h"
-#include "layers/LayerTable.h"
-#include "lines/HistoryStart.h"
-#include "stream/BigValues.h"
-#include "stream/CommitReads.h"
+#include "project/Wiring.h"
+#include "project/clients/Authors.h"
+#include "project/layers/LayerTable.h"
+#include "project/lines/HistoryStart.h"
+#include "project/stream/BigValues.h"
+#include "project/stream/CommitReads.h"
 
 namespace usdlive::server {
 

@@ -1,11 +1,11 @@
 // Receives transactions from sessions, executes them in order, and answers them.
-#include "clients/Submissions.h"
+#include "project/clients/Submissions.h"
 
 #include <algorithm>
 #include <utility>
 
+#include "project/SharedFrame.h"
 #include "usdlive/common/core/ErrorPasses.h"
-#include "usdlive/server/project/SharedFrame.h"
 
 namespace usdlive::server {
 

@@ -8,13 +8,13 @@
 #include <unordered_set>
 #include <vector>
 
-#include "Wiring.h"
-#include "access/AccessPolicy.h"
-#include "clients/ArrivingTransactions.h"
-#include "clients/Authors.h"
-#include "clients/Prerequisites.h"
-#include "stream/Catchup.h"
-#include "stream/Gestures.h"
+#include "project/Wiring.h"
+#include "project/access/AccessPolicy.h"
+#include "project/clients/ArrivingTransactions.h"
+#include "project/clients/Authors.h"
+#include "project/clients/Prerequisites.h"
+#include "project/stream/Catchup.h"
+#include "project/stream/Gestures.h"
 
 namespace usdlive::server {
 

@@ -1,5 +1,5 @@
 // Measures transactions, and refuses those that are too large.
-#include "clients/TransactionSize.h"
+#include "project/clients/TransactionSize.h"
 
 #include <string>
 #include <unordered_map>

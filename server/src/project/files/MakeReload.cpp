@@ -1,6 +1,6 @@
 // Compares a layer with its file, node by node.
+#include "project/Project.h"
 #include "usdlive/common/layer/MatchedSpecs.h"
-#include "usdlive/server/project/Project.h"
 
 namespace usdlive::server {
 

@@ -1,5 +1,5 @@
 // Makes uploaded big values files of the project.
-#include "files/NewFiles.h"
+#include "project/files/NewFiles.h"
 
 #include "usdlive/common/core/FilePath.h"
 #include "usdlive/common/core/Utf8.h"

@@ -4,10 +4,10 @@
 #include <cstdint>
 #include <string>
 
-#include "Wiring.h"
-#include "access/AccessPolicy.h"
-#include "lines/StoreCondition.h"
-#include "sessions/SessionTable.h"
+#include "project/Wiring.h"
+#include "project/access/AccessPolicy.h"
+#include "project/lines/StoreCondition.h"
+#include "project/sessions/SessionTable.h"
 
 namespace usdlive::server {
 

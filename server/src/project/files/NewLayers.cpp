@@ -1,5 +1,5 @@
 // Creates the files of new layers.
-#include "files/NewLayers.h"
+#include "project/files/NewLayers.h"
 
 #include <utility>
 

@@ -1,11 +1,11 @@
 // Requests to create layers and to list the files that are not served.
 #pragma once
 
-#include "Wiring.h"
-#include "access/AccessPolicy.h"
-#include "layers/FileStates.h"
-#include "layers/LayerTable.h"
-#include "sessions/SessionTable.h"
+#include "project/Wiring.h"
+#include "project/access/AccessPolicy.h"
+#include "project/layers/FileStates.h"
+#include "project/layers/LayerTable.h"
+#include "project/sessions/SessionTable.h"
 
 namespace usdlive::server {
 

@@ -1,5 +1,5 @@
 // Reads the files of layers, and commits the differences.
-#include "files/Reloads.h"
+#include "project/files/Reloads.h"
 
 #include <algorithm>
 #include <utility>

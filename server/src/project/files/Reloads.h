@@ -7,11 +7,11 @@
 #include <utility>
 #include <vector>
 
-#include "Wiring.h"
-#include "access/AccessPolicy.h"
-#include "layers/FileStates.h"
-#include "layers/LayerTable.h"
-#include "sessions/SessionTable.h"
+#include "project/Wiring.h"
+#include "project/access/AccessPolicy.h"
+#include "project/layers/FileStates.h"
+#include "project/layers/LayerTable.h"
+#include "project/sessions/SessionTable.h"
 
 namespace usdlive::server {
 

@@ -1,5 +1,5 @@
 // Collects the layers of each save request, and answers it.
-#include "files/Saves.h"
+#include "project/files/Saves.h"
 
 #include <algorithm>
 #include <iterator>

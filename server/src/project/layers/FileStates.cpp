@@ -1,5 +1,5 @@
 // Compares the files in the project's folder with the content that was written or read last.
-#include "layers/FileStates.h"
+#include "project/layers/FileStates.h"
 
 #include <utility>
 

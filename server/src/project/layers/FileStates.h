@@ -5,9 +5,9 @@
 #include <optional>
 #include <vector>
 
-#include "Wiring.h"
-#include "layers/LayerLists.h"
-#include "layers/SuspectLayers.h"
+#include "project/Wiring.h"
+#include "project/layers/LayerLists.h"
+#include "project/layers/SuspectLayers.h"
 
 namespace usdlive::server {
 

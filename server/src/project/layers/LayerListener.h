@@ -3,7 +3,7 @@
 
 #include <optional>
 
-#include "usdlive/server/project/Project.h"
+#include "project/Project.h"
 
 namespace usdlive::server {
 

@@ -1,10 +1,10 @@
 // Encodes each list and each change once for all sessions.
-#include "layers/LayerLists.h"
+#include "project/layers/LayerLists.h"
 
 #include <memory>
 
-#include "sessions/UpdateFrames.h"
-#include "usdlive/server/project/SharedFrame.h"
+#include "project/SharedFrame.h"
+#include "project/sessions/UpdateFrames.h"
 
 namespace usdlive::server {
 

@@ -3,9 +3,9 @@
 
 #include <vector>
 
-#include "Wiring.h"
-#include "layers/LayerTable.h"
-#include "sessions/SessionTable.h"
+#include "project/Wiring.h"
+#include "project/layers/LayerTable.h"
+#include "project/sessions/SessionTable.h"
 
 namespace usdlive::server {
 

@@ -1,5 +1,5 @@
 // Loads layers on their first use, and imports those that the store does not have.
-#include "layers/LayerTable.h"
+#include "project/layers/LayerTable.h"
 
 #include <algorithm>
 

@@ -5,10 +5,10 @@
 #include <variant>
 #include <vector>
 
-#include "Wiring.h"
-#include "layers/LayerListener.h"
-#include "lines/HistoryLine.h"
-#include "lines/StoreCondition.h"
+#include "project/Wiring.h"
+#include "project/layers/LayerListener.h"
+#include "project/lines/HistoryLine.h"
+#include "project/lines/StoreCondition.h"
 
 namespace usdlive::server {
 

@@ -1,5 +1,5 @@
 // Takes snapshots of layers and passes them to the store.
-#include "layers/Snapshots.h"
+#include "project/layers/Snapshots.h"
 
 namespace usdlive::server {
 

@@ -5,9 +5,9 @@
 #include <optional>
 #include <unordered_map>
 
-#include "Wiring.h"
-#include "layers/LayerListener.h"
-#include "lines/HistoryLine.h"
+#include "project/Wiring.h"
+#include "project/layers/LayerListener.h"
+#include "project/lines/HistoryLine.h"
 
 namespace usdlive::server {
 

@@ -1,5 +1,5 @@
 // Computes the states of layers and sends them when they change.
-#include "layers/StateBoard.h"
+#include "project/layers/StateBoard.h"
 
 #include <algorithm>
 

@@ -4,11 +4,11 @@
 #include <map>
 #include <set>
 
-#include "Wiring.h"
-#include "layers/FileStates.h"
-#include "layers/LayerTable.h"
-#include "layers/SuspectLayers.h"
-#include "sessions/SessionTable.h"
+#include "project/Wiring.h"
+#include "project/layers/FileStates.h"
+#include "project/layers/LayerTable.h"
+#include "project/layers/SuspectLayers.h"
+#include "project/sessions/SessionTable.h"
 #include "usdlive/common/layer/LayerLock.h"
 
 namespace usdlive::server {

@@ -1,10 +1,10 @@
 // Encodes a commit as one frame, or as several if it is too large for one.
-#include "lines/CommitFrames.h"
+#include "project/lines/CommitFrames.h"
 
 #include <algorithm>
 
+#include "project/CommitContent.h"
 #include "usdlive/common/core/ByteStream.h"
-#include "usdlive/server/project/CommitContent.h"
 
 namespace usdlive::server {
 

@@ -1,12 +1,12 @@
 // Orders edits: executes them, makes their commits, and keeps the commits until they are durable.
-#include "lines/HistoryLine.h"
+#include "project/lines/HistoryLine.h"
 
 #include <algorithm>
 #include <iterator>
 #include <stdexcept>
 
+#include "project/CommitContent.h"
 #include "usdlive/common/layer/LayerLock.h"
-#include "usdlive/server/project/CommitContent.h"
 
 namespace usdlive::server {
 

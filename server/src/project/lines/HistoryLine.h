@@ -10,13 +10,13 @@
 #include <variant>
 #include <vector>
 
-#include "Wiring.h"
-#include "lines/CommitFrames.h"
-#include "lines/LineListener.h"
-#include "lines/TimeOfDay.h"
+#include "project/CommitStore.h"
+#include "project/Wiring.h"
+#include "project/lines/CommitFrames.h"
+#include "project/lines/LineListener.h"
+#include "project/lines/TimeOfDay.h"
+#include "project/ports/CommitLog.h"
 #include "usdlive/common/layer/TransactionExecutor.h"
-#include "usdlive/server/project/CommitStore.h"
-#include "usdlive/server/project/ports/CommitLog.h"
 
 namespace usdlive::server {
 

@@ -4,8 +4,8 @@
 #include <algorithm>
 #include <optional>
 
-#include "usdlive/server/project/CommitContent.h"
-#include "usdlive/server/project/CommitStore.h"
+#include "project/CommitContent.h"
+#include "project/CommitStore.h"
 
 namespace usdlive::server {
 

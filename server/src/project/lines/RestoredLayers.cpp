@@ -1,12 +1,12 @@
 // Begins a line of history at an earlier revision.
-#include "usdlive/server/project/RestoredLayers.h"
+#include "project/RestoredLayers.h"
 
 #include <map>
 #include <optional>
 #include <utility>
 
-#include "lines/HistoryLine.h"
-#include "usdlive/server/project/CommitContent.h"
+#include "project/CommitContent.h"
+#include "project/lines/HistoryLine.h"
 
 namespace usdlive::server {
 

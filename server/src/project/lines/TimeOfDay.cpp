@@ -1,5 +1,5 @@
 // Follows the machine's clock, except when it jumps for a short time.
-#include "lines/TimeOfDay.h"
+#include "project/lines/TimeOfDay.h"
 
 #include <algorithm>
 #include <cstdlib>

@@ -4,8 +4,8 @@
 #include <cstdint>
 #include <optional>
 
-#include "Wiring.h"
-#include "usdlive/server/project/ports/Clock.h"
+#include "project/Wiring.h"
+#include "project/ports/Clock.h"
 
 namespace usdlive::server {
 

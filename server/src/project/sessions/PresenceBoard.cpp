@@ -1,5 +1,5 @@
 // Receives presences and forwards them in sweeps.
-#include "sessions/PresenceBoard.h"
+#include "project/sessions/PresenceBoard.h"
 
 #include <iterator>
 #include <utility>

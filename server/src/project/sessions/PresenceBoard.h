@@ -4,8 +4,8 @@
 #include <cstdint>
 #include <map>
 
-#include "Wiring.h"
-#include "sessions/SessionTable.h"
+#include "project/Wiring.h"
+#include "project/sessions/SessionTable.h"
 
 namespace usdlive::server {
 

@@ -6,10 +6,10 @@
 #include <variant>
 #include <vector>
 
+#include "project/Subject.h"
+#include "project/ports/Outbox.h"  // SessionId
 #include "usdlive/common/protocol/CompactFrame.h"
 #include "usdlive/common/protocol/Control.h"
-#include "usdlive/server/project/Subject.h"
-#include "usdlive/server/project/ports/Outbox.h"  // SessionId
 
 namespace usdlive::server {
 

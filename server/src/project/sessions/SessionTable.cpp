@@ -1,12 +1,12 @@
 // Keeps the sessions and sends control messages to them.
-#include "sessions/SessionTable.h"
+#include "project/sessions/SessionTable.h"
 
 #include <algorithm>
 #include <type_traits>
 #include <utility>
 
+#include "project/SharedFrame.h"
 #include "usdlive/common/protocol/ServerControl.h"
-#include "usdlive/server/project/SharedFrame.h"
 
 namespace usdlive::server {
 

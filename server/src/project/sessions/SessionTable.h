@@ -5,10 +5,10 @@
 #include <optional>
 #include <utility>
 
-#include "Wiring.h"
-#include "sessions/Session.h"
+#include "project/PublicText.h"
+#include "project/Wiring.h"
+#include "project/sessions/Session.h"
 #include "usdlive/common/core/Budget.h"
-#include "usdlive/server/project/PublicText.h"
 
 namespace usdlive::server {
 

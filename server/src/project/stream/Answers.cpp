@@ -1,11 +1,11 @@
 // Keeps answers in order with the commits after which they are sent.
-#include "stream/Answers.h"
+#include "project/stream/Answers.h"
 
 #include <algorithm>
 #include <set>
 #include <utility>
 
-#include "usdlive/server/project/SharedFrame.h"
+#include "project/SharedFrame.h"
 
 namespace usdlive::server {
 

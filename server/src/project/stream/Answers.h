@@ -5,9 +5,9 @@
 #include <optional>
 #include <vector>
 
+#include "project/ports/Outbox.h"  // SessionId
 #include "usdlive/common/core/Bytes.h"
 #include "usdlive/common/core/Result.h"
-#include "usdlive/server/project/ports/Outbox.h"  // SessionId
 
 namespace usdlive::server {
 

@@ -1,5 +1,5 @@
 // Receives and sends big values.
-#include "stream/BigValues.h"
+#include "project/stream/BigValues.h"
 
 #include <algorithm>
 #include <utility>

@@ -6,13 +6,13 @@
 #include <unordered_set>
 #include <vector>
 
-#include "Wiring.h"
-#include "lines/LineListener.h"
-#include "lines/StoreCondition.h"
-#include "sessions/SessionTable.h"
-#include "stream/KnownBlobs.h"
-#include "stream/Previews.h"
-#include "stream/UnusedBlobs.h"
+#include "project/Wiring.h"
+#include "project/lines/LineListener.h"
+#include "project/lines/StoreCondition.h"
+#include "project/sessions/SessionTable.h"
+#include "project/stream/KnownBlobs.h"
+#include "project/stream/Previews.h"
+#include "project/stream/UnusedBlobs.h"
 
 namespace usdlive::server {
 

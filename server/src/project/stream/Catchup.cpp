@@ -1,11 +1,11 @@
 // Sends durable commits to all sessions, and decides which commits a session is sent next.
-#include "stream/Catchup.h"
+#include "project/stream/Catchup.h"
 
 #include <algorithm>
 #include <utility>
 
-#include "usdlive/server/project/CommitContent.h"
-#include "usdlive/server/project/SharedFrame.h"
+#include "project/CommitContent.h"
+#include "project/SharedFrame.h"
 
 namespace usdlive::server {
 

@@ -8,15 +8,15 @@
 #include <variant>
 #include <vector>
 
-#include "Wiring.h"
-#include "lines/HistoryLine.h"
-#include "lines/HistoryStart.h"
-#include "sessions/SessionTable.h"
-#include "stream/Answers.h"
-#include "stream/CommitReads.h"
-#include "stream/Previews.h"
-#include "stream/RecentCommits.h"
-#include "usdlive/server/project/Project.h"
+#include "project/Project.h"
+#include "project/Wiring.h"
+#include "project/lines/HistoryLine.h"
+#include "project/lines/HistoryStart.h"
+#include "project/sessions/SessionTable.h"
+#include "project/stream/Answers.h"
+#include "project/stream/CommitReads.h"
+#include "project/stream/Previews.h"
+#include "project/stream/RecentCommits.h"
 
 namespace usdlive::server {
 

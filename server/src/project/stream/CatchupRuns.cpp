@@ -3,9 +3,9 @@
 #include <iterator>
 #include <utility>
 
-#include "stream/Catchup.h"
+#include "project/CommitContent.h"
+#include "project/stream/Catchup.h"
 #include "usdlive/common/layer/Conflation.h"
-#include "usdlive/server/project/CommitContent.h"
 
 namespace usdlive::server {
 

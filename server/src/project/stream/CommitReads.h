@@ -7,9 +7,9 @@
 #include <optional>
 #include <vector>
 
-#include "Wiring.h"
-#include "sessions/Session.h"
-#include "usdlive/server/project/ports/History.h"
+#include "project/Wiring.h"
+#include "project/ports/History.h"
+#include "project/sessions/Session.h"
 
 namespace usdlive::server {
 

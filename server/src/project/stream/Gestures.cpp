@@ -1,7 +1,7 @@
 // Receives previews, forwards them, and withdraws them.
-#include "stream/Gestures.h"
+#include "project/stream/Gestures.h"
 
-#include "usdlive/server/project/SharedFrame.h"
+#include "project/SharedFrame.h"
 
 namespace usdlive::server {
 

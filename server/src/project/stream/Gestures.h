@@ -1,12 +1,12 @@
 // Previews of gestures in progress (M11).
 #pragma once
 
-#include "Wiring.h"
-#include "access/AccessPolicy.h"
-#include "lines/HistoryLine.h"
-#include "sessions/SessionTable.h"
-#include "stream/Catchup.h"
-#include "stream/Previews.h"
+#include "project/Wiring.h"
+#include "project/access/AccessPolicy.h"
+#include "project/lines/HistoryLine.h"
+#include "project/sessions/SessionTable.h"
+#include "project/stream/Catchup.h"
+#include "project/stream/Previews.h"
 
 namespace usdlive::server {
 

@@ -1,5 +1,5 @@
 // Answers requests to open layers.
-#include "stream/Openings.h"
+#include "project/stream/Openings.h"
 
 #include <algorithm>
 #include <utility>

@@ -6,11 +6,11 @@
 #include <utility>
 #include <vector>
 
-#include "Wiring.h"
-#include "layers/LayerTable.h"
-#include "lines/HistoryStart.h"
-#include "sessions/SessionTable.h"
-#include "stream/Catchup.h"
+#include "project/Wiring.h"
+#include "project/layers/LayerTable.h"
+#include "project/lines/HistoryStart.h"
+#include "project/sessions/SessionTable.h"
+#include "project/stream/Catchup.h"
 
 namespace usdlive::server {
 

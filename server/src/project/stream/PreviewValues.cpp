@@ -1,5 +1,5 @@
 // Keeps the big values that previews name.
-#include "stream/PreviewValues.h"
+#include "project/stream/PreviewValues.h"
 
 #include <algorithm>
 #include <memory>

@@ -1,5 +1,5 @@
 // Keeps the newest preview of each gesture in progress.
-#include "stream/Previews.h"
+#include "project/stream/Previews.h"
 
 namespace usdlive::server {
 

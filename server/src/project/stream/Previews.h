@@ -8,7 +8,7 @@
 #include <utility>
 #include <vector>
 
-#include "stream/PreviewValues.h"
+#include "project/stream/PreviewValues.h"
 #include "usdlive/common/core/Bytes.h"
 #include "usdlive/common/core/Id.h"
 

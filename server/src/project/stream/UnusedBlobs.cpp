@@ -1,5 +1,5 @@
 // Decides when unused big values may be removed from the store.
-#include "stream/UnusedBlobs.h"
+#include "project/stream/UnusedBlobs.h"
 
 #include <algorithm>
 

@@ -7,7 +7,7 @@
 #include <unordered_map>
 #include <vector>
 
-#include "usdlive/server/project/Project.h"
+#include "project/Project.h"
 
 namespace usdlive::server {
 

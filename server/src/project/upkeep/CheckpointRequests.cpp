@@ -1,5 +1,5 @@
 // Stores checkpoints and lists them.
-#include "upkeep/CheckpointRequests.h"
+#include "project/upkeep/CheckpointRequests.h"
 
 #include <algorithm>
 #include <utility>

@@ -6,10 +6,10 @@
 #include <map>
 #include <string>
 
-#include "Wiring.h"
-#include "access/AccessPolicy.h"
-#include "lines/HistoryLine.h"
-#include "sessions/SessionTable.h"
+#include "project/Wiring.h"
+#include "project/access/AccessPolicy.h"
+#include "project/lines/HistoryLine.h"
+#include "project/sessions/SessionTable.h"
 
 namespace usdlive::server {
 

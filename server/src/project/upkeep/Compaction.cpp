@@ -1,5 +1,5 @@
 // Decides how far the history is replaced by a base, and passes it to the store.
-#include "upkeep/Compaction.h"
+#include "project/upkeep/Compaction.h"
 
 #include <algorithm>
 #include <utility>

@@ -5,15 +5,15 @@
 #include <optional>
 #include <string>
 
-#include "Wiring.h"
-#include "access/AccessPolicy.h"
-#include "clients/Greeting.h"
-#include "lines/HistoryLine.h"
-#include "lines/HistoryStart.h"
-#include "sessions/SessionTable.h"
-#include "stream/Catchup.h"
-#include "stream/CommitReads.h"
-#include "stream/Openings.h"
+#include "project/Wiring.h"
+#include "project/access/AccessPolicy.h"
+#include "project/clients/Greeting.h"
+#include "project/lines/HistoryLine.h"
+#include "project/lines/HistoryStart.h"
+#include "project/sessions/SessionTable.h"
+#include "project/stream/Catchup.h"
+#include "project/stream/CommitReads.h"
+#include "project/stream/Openings.h"
 
 namespace usdlive::server {
 

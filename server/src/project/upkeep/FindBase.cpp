@@ -1,6 +1,6 @@
 // Finds the revision up to which the history may be replaced by a base (CH4).
-#include "usdlive/server/project/CommitContent.h"
-#include "usdlive/server/project/Project.h"
+#include "project/CommitContent.h"
+#include "project/Project.h"
 
 namespace usdlive::server {
 

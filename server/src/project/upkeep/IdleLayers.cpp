@@ -1,5 +1,5 @@
 // Removes layers that are not in use from memory.
-#include "upkeep/IdleLayers.h"
+#include "project/upkeep/IdleLayers.h"
 
 #include <optional>
 #include <utility>

@@ -4,15 +4,15 @@
 #include <map>
 #include <set>
 
-#include "Wiring.h"
-#include "access/AccessPolicy.h"
-#include "clients/Submissions.h"
-#include "files/Reloads.h"
-#include "files/Saves.h"
-#include "layers/FileStates.h"
-#include "layers/LayerTable.h"
-#include "layers/Snapshots.h"
-#include "sessions/SessionTable.h"
+#include "project/Wiring.h"
+#include "project/access/AccessPolicy.h"
+#include "project/clients/Submissions.h"
+#include "project/files/Reloads.h"
+#include "project/files/Saves.h"
+#include "project/layers/FileStates.h"
+#include "project/layers/LayerTable.h"
+#include "project/layers/Snapshots.h"
+#include "project/sessions/SessionTable.h"
 
 namespace usdlive::server {
 

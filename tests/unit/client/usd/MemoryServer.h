@@ -9,9 +9,9 @@
 #include <string>
 #include <vector>
 
+#include "project/Project.h"
 #include "transport/Connection.h"
 #include "usdlive/common/protocol/Snapshot.h"
-#include "usdlive/server/project/Project.h"
 
 namespace usdlive::tests {
 

@@ -1,5 +1,5 @@
 // Tests the audit log of a running server (AU4).
-#include "usdlive/server/app/AuditLog.h"
+#include "app/AuditLog.h"
 
 #include <gtest/gtest.h>
 #include <unistd.h>

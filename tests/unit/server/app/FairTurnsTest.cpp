@@ -1,5 +1,5 @@
 // Tests whose work is done next, in simulated time.
-#include "usdlive/server/app/FairTurns.h"
+#include "app/FairTurns.h"
 
 #include <gtest/gtest.h>
 

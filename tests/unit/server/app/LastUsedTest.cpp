@@ -1,5 +1,5 @@
 // Tests what is kept of the values that were used last.
-#include "usdlive/server/app/LastUsed.h"
+#include "app/LastUsed.h"
 
 #include <gtest/gtest.h>
 

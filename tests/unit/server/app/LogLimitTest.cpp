@@ -1,5 +1,5 @@
 // Tests the limit of log lines for each key.
-#include "usdlive/server/app/LogLimit.h"
+#include "app/LogLimit.h"
 
 #include <gtest/gtest.h>
 

@@ -1,12 +1,12 @@
 // Tests the groups in which the storage thread appends commits.
-#include "usdlive/server/app/StorageThread.h"
+#include "app/StorageThread.h"
 
 #include <gtest/gtest.h>
 
 #include <condition_variable>
 
+#include "storage/MemoryCommitStore.h"
 #include "unit/server/storage/TestCommits.h"
-#include "usdlive/server/storage/MemoryCommitStore.h"
 
 namespace usdlive::server {
 

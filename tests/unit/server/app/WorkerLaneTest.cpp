@@ -1,5 +1,5 @@
 // Tests how projects share the threads of a lane.
-#include "usdlive/server/app/WorkerLane.h"
+#include "app/WorkerLane.h"
 
 #include <gtest/gtest.h>
 

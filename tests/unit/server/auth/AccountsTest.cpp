@@ -1,5 +1,5 @@
 // Tests the accounts of a server (AC1, AC2).
-#include "usdlive/server/auth/Accounts.h"
+#include "auth/Accounts.h"
 
 #include <gtest/gtest.h>
 #include <sys/stat.h>
@@ -7,7 +7,7 @@
 #include <fstream>
 #include <thread>
 
-#include "usdlive/server/auth/SignIn.h"
+#include "auth/SignIn.h"
 
 namespace usdlive::server {
 namespace {

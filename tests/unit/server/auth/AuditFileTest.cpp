@@ -1,5 +1,5 @@
 // Tests the files of the audit log (AU2, AU3).
-#include "usdlive/server/auth/AuditFile.h"
+#include "auth/AuditFile.h"
 
 #include <gtest/gtest.h>
 #include <unistd.h>

@@ -1,5 +1,5 @@
 // Tests when an issuer is asked for its keys (AC24).
-#include "usdlive/server/auth/KeySchedule.h"
+#include "auth/KeySchedule.h"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
 // Tests which tokens of an issuer are accepted, and attacks on the check (AC20-AC22).
-#include "usdlive/server/auth/OpenIdConnect.h"
+#include "auth/OpenIdConnect.h"
 
 #include <gtest/gtest.h>
 #include <openssl/evp.h>

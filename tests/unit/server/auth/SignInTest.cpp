@@ -1,5 +1,5 @@
 // Tests who a request comes from, by tokens of this server and of an issuer (AC20, AC22).
-#include "usdlive/server/auth/SignIn.h"
+#include "auth/SignIn.h"
 
 #include <gtest/gtest.h>
 

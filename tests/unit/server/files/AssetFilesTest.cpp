@@ -1,5 +1,5 @@
 // Tests finding, hashing and reading the files of a project.
-#include "usdlive/server/files/AssetFiles.h"
+#include "files/AssetFiles.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -8,7 +8,7 @@
 
 #include <fstream>
 
-#include "usdlive/server/storage/BlobStore.h"
+#include "storage/BlobStore.h"
 
 using namespace usdlive;
 using namespace usdlive::server;

@@ -1,5 +1,5 @@
 // Tests importing, saving and listing the files of a folder.
-#include "usdlive/server/files/LayerFiles.h"
+#include "files/LayerFiles.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -11,8 +11,8 @@
 #include <utility>
 #include <vector>
 
+#include "project/Project.h"
 #include "usdlive/common/layer/TransactionExecutor.h"
-#include "usdlive/server/project/Project.h"
 
 namespace usdlive::server::projecttest {
 

@@ -1,11 +1,11 @@
 // Tests a line of history by itself, without a project: what it orders, notifies and rolls back.
-#include "lines/HistoryLine.h"
+#include "project/lines/HistoryLine.h"
 
 #include <gtest/gtest.h>
 
 #include <deque>
 
-#include "usdlive/server/project/CommitContent.h"
+#include "project/CommitContent.h"
 
 namespace usdlive::server::linetest {
 namespace {

@@ -2,7 +2,7 @@
 #include <gtest/gtest.h>
 
 #include "FakeHost.h"
-#include "usdlive/server/storage/MemoryCommitStore.h"
+#include "storage/MemoryCommitStore.h"
 
 namespace usdlive::server::projecttest {
 namespace {

@@ -2,7 +2,7 @@
 #include <gtest/gtest.h>
 
 #include "FakeHost.h"
-#include "usdlive/server/project/CommitContent.h"
+#include "project/CommitContent.h"
 
 namespace usdlive::server::projecttest {
 namespace {

@@ -1,5 +1,5 @@
 // Tests that texts for clients name no folder of the machine (FR12).
-#include "usdlive/server/project/PublicText.h"
+#include "project/PublicText.h"
 
 #include <gtest/gtest.h>
 

@@ -2,9 +2,9 @@
 // clients accept.
 #include <gtest/gtest.h>
 
+#include "project/ports/Outbox.h"
 #include "usdlive/common/protocol/Frame.h"
 #include "usdlive/common/protocol/ServerControl.h"
-#include "usdlive/server/project/ports/Outbox.h"
 
 namespace usdlive::server {
 namespace {

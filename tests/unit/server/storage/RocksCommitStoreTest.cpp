@@ -1,5 +1,5 @@
 // Tests the store over RocksDB: damage, crashes, full disks and bases.
-#include "usdlive/server/storage/RocksCommitStore.h"
+#include "storage/RocksCommitStore.h"
 
 #include <gtest/gtest.h>
 #include <rocksdb/db.h>

@@ -7,12 +7,12 @@
 #include <filesystem>
 #include <random>
 
+#include "project/CommitContent.h"
+#include "project/CommitStore.h"
 #include "usdlive/common/core/ByteStream.h"
 #include "usdlive/common/layer/SpecPath.h"
 #include "usdlive/common/protocol/Frame.h"
 #include "usdlive/common/protocol/FrameParts.h"
-#include "usdlive/server/project/CommitContent.h"
-#include "usdlive/server/project/CommitStore.h"
 
 namespace usdlive::server::test {
 

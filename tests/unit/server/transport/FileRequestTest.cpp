@@ -1,5 +1,5 @@
 // Tests the parser of requests for a project's files (AS2).
-#include "usdlive/server/transport/FileRequest.h"
+#include "transport/FileRequest.h"
 
 #include <gtest/gtest.h>
 

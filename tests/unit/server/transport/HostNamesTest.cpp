@@ -1,5 +1,5 @@
 // Tests which hosts of requests are those of the server (HO1).
-#include "usdlive/server/transport/HostNames.h"
+#include "transport/HostNames.h"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
 // Tests the HTTP and WebSocket server over real sockets.
-#include "usdlive/server/transport/HttpServer.h"
+#include "transport/HttpServer.h"
 
 #include <gmock/gmock.h>
 #include <netinet/tcp.h>

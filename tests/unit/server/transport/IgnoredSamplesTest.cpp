@@ -1,5 +1,5 @@
 // Tests the counting and reporting of invalid DDS samples (DD13).
-#include "usdlive/server/transport/IgnoredSamples.h"
+#include "transport/IgnoredSamples.h"
 
 #include <gtest/gtest.h>
 

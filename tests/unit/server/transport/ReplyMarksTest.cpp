@@ -1,5 +1,5 @@
 // Tests the marks of a session's stream (DD5, DD6).
-#include "usdlive/server/transport/ReplyMarks.h"
+#include "transport/ReplyMarks.h"
 
 #include <gtest/gtest.h>
 

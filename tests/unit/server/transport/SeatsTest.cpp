@@ -1,5 +1,5 @@
 // Tests who gives way when seats or memory for guests are short (SE16).
-#include "usdlive/server/transport/Seats.h"
+#include "transport/Seats.h"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
 // Tests the queue of frames for a session.
-#include "usdlive/server/transport/SendQueue.h"
+#include "transport/SendQueue.h"
 
 #include <gmock/gmock.h>
 

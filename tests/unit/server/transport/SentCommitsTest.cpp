@@ -1,5 +1,5 @@
 // Tests the commits that are kept to be sent again (DD7).
-#include "usdlive/server/transport/SentCommits.h"
+#include "transport/SentCommits.h"
 
 #include <gtest/gtest.h>
 
