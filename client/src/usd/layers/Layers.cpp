@@ -15,6 +15,7 @@
 #include "basics/SystemUser.h"
 #include "usd/layers/Distribution.h"
 #include "usd/layers/LayersContext.h"
+#include "usd/layers/StageLayerStates.h"
 #include "usdlive/client/usd/Misuse.h"
 
 namespace usdlive::layers {
@@ -76,7 +77,7 @@ public:
         : host_(std::move(host)),
           context_(*host_),
           thread_(std::this_thread::get_id()),
-          state(withLive(context_, options.live)),
+          states_(withLive(context_, options.live)),
           authoring(context_, *this),
           linking(context_),
           locking(context_, options.user.empty() ? client::systemUser() : std::move(options.user)),
@@ -120,7 +121,7 @@ public:
             if (auto enabled = authoring.enable(); !enabled) return enabled;
         if (wasDelegating && !delegates) authoring.disable();
         mode_ = mode;
-        state.hide(delegates ? authoring.delegate()->GetIdentifier() : std::string());
+        states_.layers.hide(delegates ? authoring.delegate()->GetIdentifier() : std::string());
         context_.events.push(LayerEventType::EditModeChanged);
         followEditTarget();
         return {};
@@ -129,7 +130,7 @@ public:
     // --- the frame
 
     std::vector<RefusedEdit> update(double nowMs) {
-        state.watch(nowMs);
+        states_.watch(nowMs);
         authoring.keepInPlace();
         followEditTarget();
         return distribute();
@@ -151,7 +152,7 @@ public:
     [[nodiscard]] bool isElsewhere() const { return std::this_thread::get_id() != thread_; }
     void setLive(LiveLayers* live) {
         context_.live = live;
-        state.structureChanged();
+        states_.layers.structureChanged();
     }
 
 private:
@@ -204,9 +205,9 @@ private:
             const bool isDelegate = layer == authoring.delegate();
             const bool local = !isDelegate && state.hasLocalLayer(layer->GetIdentifier());
             if ((isDelegate || local) && !distributing_) authoring.layerChanged(layer, changes);
-            if (!local && (isDelegate || !state.knows(layer->GetIdentifier()))) continue;
-            state.edited(layer);
-            if (changesComposition(changes)) state.compositionChanged();
+            if (!local && (isDelegate || !states_.layers.known(layer->GetIdentifier()))) continue;
+            states_.dirtiness.edited(layer);
+            if (changesComposition(changes)) states_.layers.compositionChanged();
             locking.layerChanged(layer, changes);
             notify(layer, changes);
         }
@@ -267,27 +268,27 @@ private:
     void onStructure(bool sublayers) {
         authoring.structureChanged();
         if (!sublayers) return;
-        state.structureChanged();
+        states_.layers.structureChanged();
         locking.structureChanged();
         context_.events.push(LayerEventType::SublayersChanged);
         context_.events.push(LayerEventType::UsedLayersChanged);
     }
 
     void onData(const SdfLayerHandle& layer) {
-        state.dataChanged(layer);
+        states_.dataChanged(layer);
         if (layer != host_->rootLayer()) return;
         linking.dataChanged();
         locking.dataChanged();
     }
 
     void onDirtiness(const pxr::SdfNotice::LayerDirtinessChanged&, const SdfLayerHandle& layer) {
-        if (!isElsewhere()) state.dirtinessChanged(layer);
+        if (!isElsewhere()) states_.dirtiness.sdfReports(layer);
     }
     void onSaved(const pxr::SdfNotice::LayerDidSaveLayerToFile&, const SdfLayerHandle& layer) {
-        if (!isElsewhere()) state.fileAgrees(layer);
+        if (!isElsewhere()) states_.files.agrees(layer);
     }
     void onReloaded(const pxr::SdfNotice::LayerDidReloadContent&, const SdfLayerHandle& layer) {
-        if (!isElsewhere()) state.fileAgrees(layer);
+        if (!isElsewhere()) states_.files.agrees(layer);
     }
     // A notice of SdfLayer itself. A layer has no content while it is muted.
     void onMuteness(const pxr::SdfNotice::LayerMutenessChanged&) {
@@ -298,9 +299,10 @@ private:
     const std::unique_ptr<StageHost> host_;
     LayersContext context_;
     const std::thread::id thread_;
+    StageLayerStates states_;
 
 public:
-    LayersState state;
+    LayersState state{states_};
     AutoAuthoring authoring;
     SpecsLinking linking;
     SpecsLocking locking;
