@@ -15,6 +15,7 @@
 #include "basics/SystemUser.h"
 #include "usd/layers/Distribution.h"
 #include "usd/layers/LayersContext.h"
+#include "usd/layers/LockedSpecs.h"
 #include "usd/layers/StageLayerStates.h"
 #include "usdlive/client/usd/Misuse.h"
 
@@ -78,9 +79,10 @@ public:
           context_(*host_),
           thread_(std::this_thread::get_id()),
           states_(withLive(context_, options.live)),
+          lockedSpecs_(context_,
+                       options.user.empty() ? client::systemUser() : std::move(options.user)),
           authoring(context_, *this),
           linking(context_),
-          locking(context_, options.user.empty() ? client::systemUser() : std::move(options.user)),
           editTarget_(host_->editTarget()) {
         (void)context_.events.take();
         const auto self = pxr::TfCreateWeakPtr(this);
@@ -99,7 +101,7 @@ public:
         return state.whyNotWritable(layer);
     }
     [[nodiscard]] std::optional<LayerError> whyLocked(const SdfPath& spec) override {
-        return locking.whyLocked(spec);
+        return lockedSpecs_.whyLocked(spec);
     }
     [[nodiscard]] std::vector<SdfLayerHandle> linkedLayers(const SdfPath& spec) override {
         if (mode_ != LayerEditMode::SpecsLinking) return {};
@@ -167,7 +169,7 @@ private:
             // The block's notices at its end are caused by us, so the delegate ignores them.
             distributing_ = true;
             const pxr::SdfChangeBlock block;
-            refused = locking.update(authoring.delegate());
+            refused = lockedSpecs_.update(authoring.delegate());
             auto more = authoring.update(recorder);
             refused.insert(refused.end(), std::make_move_iterator(more.begin()),
                            std::make_move_iterator(more.end()));
@@ -208,7 +210,7 @@ private:
             if (!local && (isDelegate || !states_.layers.known(layer->GetIdentifier()))) continue;
             states_.dirtiness.edited(layer);
             if (changesComposition(changes)) states_.layers.compositionChanged();
-            locking.layerChanged(layer, changes);
+            lockedSpecs_.layerChanged(layer, changes);
             notify(layer, changes);
         }
     }
@@ -269,7 +271,7 @@ private:
         authoring.structureChanged();
         if (!sublayers) return;
         states_.layers.structureChanged();
-        locking.structureChanged();
+        lockedSpecs_.structureChanged();
         context_.events.push(LayerEventType::SublayersChanged);
         context_.events.push(LayerEventType::UsedLayersChanged);
     }
@@ -278,7 +280,7 @@ private:
         states_.dataChanged(layer);
         if (layer != host_->rootLayer()) return;
         linking.dataChanged();
-        locking.dataChanged();
+        lockedSpecs_.dataChanged();
     }
 
     void onDirtiness(const pxr::SdfNotice::LayerDirtinessChanged&, const SdfLayerHandle& layer) {
@@ -300,12 +302,13 @@ private:
     LayersContext context_;
     const std::thread::id thread_;
     StageLayerStates states_;
+    LockedSpecs lockedSpecs_;
 
 public:
     LayersState state{states_};
     AutoAuthoring authoring;
     SpecsLinking linking;
-    SpecsLocking locking;
+    SpecsLocking locking{lockedSpecs_};
     std::deque<RefusedEdit> refused;
     LayersContext& context() { return context_; }
     [[nodiscard]] LayerEditMode mode() const { return mode_; }
