@@ -13,9 +13,11 @@
 #include <utility>
 
 #include "basics/SystemUser.h"
+#include "usd/layers/DelegateAuthoring.h"
 #include "usd/layers/Distribution.h"
 #include "usd/layers/LayersContext.h"
 #include "usd/layers/LockedSpecs.h"
+#include "usd/layers/SpecLinks.h"
 #include "usd/layers/StageLayerStates.h"
 #include "usdlive/client/usd/Misuse.h"
 
@@ -79,10 +81,10 @@ public:
           context_(*host_),
           thread_(std::this_thread::get_id()),
           states_(withLive(context_, options.live)),
+          authoring_(context_, *this),
+          links_(context_),
           lockedSpecs_(context_,
                        options.user.empty() ? client::systemUser() : std::move(options.user)),
-          authoring(context_, *this),
-          linking(context_),
           editTarget_(host_->editTarget()) {
         (void)context_.events.take();
         const auto self = pxr::TfCreateWeakPtr(this);
@@ -105,7 +107,7 @@ public:
     }
     [[nodiscard]] std::vector<SdfLayerHandle> linkedLayers(const SdfPath& spec) override {
         if (mode_ != LayerEditMode::SpecsLinking) return {};
-        return linking.layersFor(spec);
+        return links_.layersFor(spec);
     }
 
     // --- modes
@@ -116,14 +118,14 @@ public:
         const bool delegates = mode != LayerEditMode::Normal;
         if (wasDelegating) {
             // The edits belong to the mode in which they were written.
-            authoring.resume();
+            authoring_.resume();
             distribute();
         }
         if (delegates)
-            if (auto enabled = authoring.enable(); !enabled) return enabled;
-        if (wasDelegating && !delegates) authoring.disable();
+            if (auto enabled = authoring_.enable(); !enabled) return enabled;
+        if (wasDelegating && !delegates) authoring_.disable();
         mode_ = mode;
-        states_.layers.hide(delegates ? authoring.delegate()->GetIdentifier() : std::string());
+        states_.layers.hide(delegates ? authoring_.delegate()->GetIdentifier() : std::string());
         context_.events.push(LayerEventType::EditModeChanged);
         followEditTarget();
         return {};
@@ -133,7 +135,7 @@ public:
 
     std::vector<RefusedEdit> update(double nowMs) {
         states_.watch(nowMs);
-        authoring.keepInPlace();
+        authoring_.keepInPlace();
         followEditTarget();
         return distribute();
     }
@@ -143,10 +145,10 @@ public:
     }
 
     std::vector<RefusedEdit> distributeAll(content::Recorder* recorder) {
-        const bool suspended = authoring.isSuspended();
-        authoring.resume();
+        const bool suspended = authoring_.isSuspended();
+        authoring_.resume();
         auto refused = distribute(recorder);
-        if (suspended) authoring.suspend();
+        if (suspended) authoring_.suspend();
         return refused;
     }
 
@@ -169,8 +171,8 @@ private:
             // The block's notices at its end are caused by us, so the delegate ignores them.
             distributing_ = true;
             const pxr::SdfChangeBlock block;
-            refused = lockedSpecs_.update(authoring.delegate());
-            auto more = authoring.update(recorder);
+            refused = lockedSpecs_.update(authoring_.delegate());
+            auto more = authoring_.update(recorder);
             refused.insert(refused.end(), std::make_move_iterator(more.begin()),
                            std::make_move_iterator(more.end()));
         }
@@ -204,9 +206,9 @@ private:
         context_.stack.follow(notice.GetChangeListVec());
         for (const auto& [layer, changes] : notice) {
             if (!layer) continue;
-            const bool isDelegate = layer == authoring.delegate();
+            const bool isDelegate = layer == authoring_.delegate();
             const bool local = !isDelegate && state.hasLocalLayer(layer->GetIdentifier());
-            if ((isDelegate || local) && !distributing_) authoring.layerChanged(layer, changes);
+            if ((isDelegate || local) && !distributing_) authoring_.layerChanged(layer, changes);
             if (!local && (isDelegate || !states_.layers.known(layer->GetIdentifier()))) continue;
             states_.dirtiness.edited(layer);
             if (changesComposition(changes)) states_.layers.compositionChanged();
@@ -263,12 +265,12 @@ private:
         if (layer != host_->sessionLayer()) return false;
         std::vector<std::string> now;
         for (const std::string& path : std::vector<std::string>(layer->GetSubLayerPaths()))
-            if (!authoring.isAutoAuthoringLayer(path)) now.push_back(path);
+            if (!DelegateAuthoring::isDelegate(path)) now.push_back(path);
         return std::exchange(sessionSublayers_, now) == now;
     }
 
     void onStructure(bool sublayers) {
-        authoring.structureChanged();
+        authoring_.structureChanged();
         if (!sublayers) return;
         states_.layers.structureChanged();
         lockedSpecs_.structureChanged();
@@ -279,7 +281,7 @@ private:
     void onData(const SdfLayerHandle& layer) {
         states_.dataChanged(layer);
         if (layer != host_->rootLayer()) return;
-        linking.dataChanged();
+        links_.dataChanged();
         lockedSpecs_.dataChanged();
     }
 
@@ -295,19 +297,21 @@ private:
     // A notice of SdfLayer itself. A layer has no content while it is muted.
     void onMuteness(const pxr::SdfNotice::LayerMutenessChanged&) {
         if (isElsewhere()) return;
-        authoring.structureChanged();
+        authoring_.structureChanged();
     }
 
     const std::unique_ptr<StageHost> host_;
     LayersContext context_;
     const std::thread::id thread_;
     StageLayerStates states_;
+    DelegateAuthoring authoring_;
+    SpecLinks links_;
     LockedSpecs lockedSpecs_;
 
 public:
     LayersState state{states_};
-    AutoAuthoring authoring;
-    SpecsLinking linking;
+    AutoAuthoring autoAuthoring{authoring_};
+    SpecsLinking linking{links_};
     SpecsLocking locking{lockedSpecs_};
     std::deque<RefusedEdit> refused;
     LayersContext& context() { return context_; }
@@ -336,7 +340,7 @@ Layers::Impl& Layers::here(const char* function) const {
 }
 
 LayersState& Layers::state() { return here("state").state; }
-AutoAuthoring& Layers::autoAuthoring() { return here("autoAuthoring").authoring; }
+AutoAuthoring& Layers::autoAuthoring() { return here("autoAuthoring").autoAuthoring; }
 SpecsLinking& Layers::specsLinking() { return here("specsLinking").linking; }
 SpecsLocking& Layers::specsLocking() { return here("specsLocking").locking; }
 StageHost& Layers::host() { return here("host").context().host; }

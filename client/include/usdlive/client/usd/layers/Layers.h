@@ -13,6 +13,10 @@
 #include "usdlive/client/usd/layers/SpecsLocking.h"
 #include "usdlive/client/usd/layers/StageHost.h"
 
+namespace usdlive::content {
+class Recorder;
+}
+
 namespace usdlive::layers {
 
 /// All functions for the layers of one stage, under Kit's names: states, auto authoring, links and

@@ -4,7 +4,6 @@
 #include <pxr/usd/sdf/layer.h>
 
 #include <map>
-#include <set>
 #include <string>
 #include <vector>
 
@@ -12,11 +11,11 @@
 
 namespace usdlive::layers {
 
-struct LayersContext;
+class SpecLinks;
 
 /// The layers that receive the edits of a spec in the edit mode SpecsLinking. Kept in the root
 /// layer's customLayerData, `omni_layer:specs_linking` {spec path: [layers]}, so that links are
-/// shared live and saved.
+/// shared live and saved. Part of a Layers, which returns it.
 ///
 /// Functions that change links return the specs whose links have changed. They fail for a path or
 /// layer that the stage does not have, and if the root layer accepts no edits.
@@ -25,7 +24,8 @@ public:
     using Paths = std::vector<pxr::SdfPath>;
     using Links = std::map<pxr::SdfPath, std::vector<std::string>>;
 
-    explicit SpecsLinking(LayersContext& context);
+    SpecsLinking(const SpecsLinking&) = delete;
+    SpecsLinking& operator=(const SpecsLinking&) = delete;
 
     LayerResult<Paths> linkSpec(const pxr::SdfPath& path, const std::string& layer, bool hierarchy);
     LayerResult<Paths> unlinkSpec(const pxr::SdfPath& path, const std::string& layer,
@@ -45,21 +45,11 @@ public:
     /// prim. Empty if it is not linked.
     [[nodiscard]] std::vector<pxr::SdfLayerHandle> layersFor(const pxr::SdfPath& spec) const;
 
-    /// Call when the root layer's customLayerData has changed.
-    void dataChanged();
-
 private:
-    using Table = std::map<pxr::SdfPath, std::set<std::string>>;
+    friend class Layers;
+    explicit SpecsLinking(SpecLinks& links) : links_(links) {}
 
-    [[nodiscard]] LayerResult<std::string> localLayer(const std::string& layer) const;
-    template <class Edit>
-    LayerResult<Paths> changeLinks(const pxr::SdfPath& path, const std::string& layer,
-                                   bool hierarchy, Edit edit);
-    LayerResult<Paths> change(Table changed);
-    void notify(const Table& before);
-
-    LayersContext& context_;
-    Table links_;
+    SpecLinks& links_;
 };
 
 }  // namespace usdlive::layers
