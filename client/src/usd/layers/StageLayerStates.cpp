@@ -45,7 +45,6 @@ void StageLayerStates::found(const StageLayers::Difference& difference) {
 }
 
 void StageLayerStates::dataChanged(const pxr::SdfLayerHandle& layer) {
-    if (!layers.isCurrent()) return;  // everything is read again
     if (layer == context.host.rootLayer()) muteness.flagsChanged();
     locks.dataChanged(layer);
 }

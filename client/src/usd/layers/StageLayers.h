@@ -63,8 +63,6 @@ public:
     [[nodiscard]] const ById& allKnown() const { return layers_; }
     [[nodiscard]] const std::vector<std::string>& localKnown() const { return order_; }
 
-    /// Returns false if the layers are to be found again.
-    [[nodiscard]] bool isCurrent() const;
     /// Call when sublayers may have changed.
     void structureChanged() { structureKnown_ = false; }
     /// Call after an edit that may change which layers are used.
@@ -75,6 +73,7 @@ public:
     void check();
 
 private:
+    [[nodiscard]] bool isCurrent() const;
     void learn();
     void learnLocal();
     void learnSublayers(const pxr::SdfLayerHandle& layer, bool session,

@@ -2,6 +2,7 @@
 #include "usdlive/client/usd/layers/LayersState.h"
 
 #include <pxr/base/vt/dictionary.h>
+#include <pxr/usd/sdf/changeBlock.h>
 #include <sys/stat.h>
 
 #include <chrono>
@@ -84,6 +85,22 @@ TEST_F(LayersStateTest, ALockIsInTheLayerAndInTheRootsMap) {
     setOmniValue(strong, "locked", pxr::VtValue(true));
     EXPECT_TRUE(state().isLayerLocked(strongId()));
     EXPECT_TRUE(find(frameEvents(), LayerEventType::LockStateChanged));
+}
+
+TEST_F(LayersStateTest, FlagsThatComeTogetherWithASublayerCount) {
+    (void)frameEvents();
+    const auto added = pxr::SdfLayer::CreateAnonymous("added.usda");
+    {
+        const pxr::SdfChangeBlock block;
+        root->InsertSubLayerPath(added->GetIdentifier());
+        setLayerFlags(root, "locked", {{weak->GetIdentifier(), true}});
+        setLayerFlags(root, "muteness", {{strongId(), true}});
+    }
+    EXPECT_TRUE(state().isLayerLocked(weak->GetIdentifier()));
+    EXPECT_TRUE(state().isLayerGloballyMuted(strongId()));
+    const auto events = frameEvents();
+    EXPECT_TRUE(find(events, LayerEventType::LockStateChanged));
+    EXPECT_TRUE(find(events, LayerEventType::MutenessStateChanged));
 }
 
 TEST_F(LayersStateTest, LayersThatCannotBeLockedStayUnchanged) {
