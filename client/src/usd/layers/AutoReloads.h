@@ -14,9 +14,9 @@ namespace usdlive::layers {
 /// The choice of the layers that are reloaded automatically: single ones, and whole kinds. A value.
 class AutoReloads {
 public:
-    /// Returns true if the layer is among the single ones, by this identifier, or of such a kind.
-    [[nodiscard]] bool covers(const std::string& id, const StageLayers::Layer& layer) const {
-        return single_.contains(id) || (layer.local ? kinds_.sublayers : kinds_.nonSublayers);
+    /// Returns true if the layer is among the single ones, or of such a kind.
+    [[nodiscard]] bool covers(const StageLayers::Layer& layer) const {
+        return single_.contains(layer.id) || (layer.local ? kinds_.sublayers : kinds_.nonSublayers);
     }
     /// Returns true if this is a change.
     bool setKinds(LayersState::AutoReload kinds) { return std::exchange(kinds_, kinds) != kinds; }

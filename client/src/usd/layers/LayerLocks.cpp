@@ -29,9 +29,9 @@ bool LayerLocks::isFlagged(const std::string& id) const {
     return flag != flags_.end() && flag->second;
 }
 
-bool LayerLocks::isLocked(const std::string& id, const StageLayers::Layer& layer) const {
-    return layer.local && !layer.session && (own_.contains(layer.id) || isFlagged(id)) &&
-           !layers_.isRoot(id);
+bool LayerLocks::isLocked(const StageLayers::Layer& layer) const {
+    return layer.local && !layer.session && (own_.contains(layer.id) || isFlagged(layer.id)) &&
+           !layers_.isRoot(layer.id);
 }
 
 LayerResult<void> LayerLocks::setLocked(const std::string& id, bool locked) {
@@ -45,7 +45,7 @@ LayerResult<void> LayerLocks::setLocked(const std::string& id, bool locked) {
         return fail(LayerErrorType::ReadOnly,
                     id + " is locked by " + live->lockHolder.value +
                         ". Only they or an administrator of the server can unlock it");
-    if (isLocked(id, *found) == locked) return {};
+    if (isLocked(*found) == locked) return {};
     const auto layer = found->layer;
     if (!write(id, *found, locked))
         return fail(LayerErrorType::ReadOnly,
@@ -87,7 +87,7 @@ void LayerLocks::layersFound() {
     reported_.clear();
     for (const auto& [id, layer] : layers_.allKnown()) {
         own_.assign(id, hasOwnLock(layer.layer));
-        reported_.assign(id, isLocked(id, layer));
+        reported_.assign(id, isLocked(layer));
     }
 }
 
@@ -101,7 +101,7 @@ void LayerLocks::dataChanged(const pxr::SdfLayerHandle& layer) {
 void LayerLocks::notify() {
     std::vector<std::string> changed;
     for (const auto& id : layers_.localKnown())
-        if (reported_.assign(id, isLocked(id, *layers_.known(id)))) changed.push_back(id);
+        if (reported_.assign(id, isLocked(*layers_.known(id)))) changed.push_back(id);
     if (!changed.empty())
         context_.events.push(LayerEventType::LockStateChanged, std::move(changed));
 }

@@ -20,8 +20,7 @@ class LayerLocks {
 public:
     LayerLocks(LayersContext& context, StageLayers& layers);
 
-    /// `id` is the identifier that the caller has used for the layer.
-    [[nodiscard]] bool isLocked(const std::string& id, const StageLayers::Layer& layer) const;
+    [[nodiscard]] bool isLocked(const StageLayers::Layer& layer) const;
     /// Writes the lock into the layer and into the root layer's map. The stage must use the layer.
     LayerResult<void> setLocked(const std::string& id, bool locked);
 

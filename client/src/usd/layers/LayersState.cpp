@@ -24,34 +24,35 @@ void LayersState::mutenessChanged() { states_.muteness.stageChanged(); }
 
 bool LayersState::isLayerMuted(const std::string& id) {
     states_.muteness.stageChanged();
-    return states_.muteness.isMuted(id);
+    return states_.muteness.isMuted(states_.layers.idOf(id));
 }
 
 bool LayersState::isLayerLocallyMuted(const std::string& id) {
-    return states_.muteness.isMutedLocally(id);
+    return states_.muteness.isMutedLocally(states_.layers.idOf(id));
 }
 
 bool LayersState::isLayerGloballyMuted(const std::string& id) {
-    return states_.muteness.isMutedGlobally(id);
+    return states_.muteness.isMutedGlobally(states_.layers.idOf(id));
 }
 
 LayerResult<void> LayersState::setLayerGlobalMuteness(const std::string& id, bool muted) {
     if (auto unknown = whyUnknown(id)) return tl::unexpected(std::move(*unknown));
-    if (states_.layers.isRoot(id) || states_.layers.isSession(id))
+    const std::string known = states_.layers.idOf(id);
+    if (states_.layers.isRoot(known) || states_.layers.isSession(known))
         return fail(LayerErrorType::InvalidParam, id + " cannot be muted");
-    return states_.muteness.setGlobally(id, muted);
+    return states_.muteness.setGlobally(known, muted);
 }
 
 // ------------------------------------------------------------------ locks
 
 bool LayersState::isLayerLocked(const std::string& id) {
     const auto* layer = states_.layers.find(id);
-    return layer && states_.locks.isLocked(id, *layer);
+    return layer && states_.locks.isLocked(*layer);
 }
 
 LayerResult<void> LayersState::setLayerLockState(const std::string& id, bool locked) {
     if (auto unknown = whyUnknown(id)) return tl::unexpected(std::move(*unknown));
-    return states_.locks.setLocked(id, locked);
+    return states_.locks.setLocked(std::string(states_.layers.idOf(id)), locked);
 }
 
 // ------------------------------------------------------------------ writable
@@ -61,7 +62,7 @@ std::optional<LayerError> LayersState::whyNotWritable(const pxr::SdfLayerHandle&
     const std::string& id = layer->GetIdentifier();
     const auto* found = states_.layers.find(id);
     if (states_.muteness.isMuted(id)) return LayerError{LayerErrorType::ReadOnly, id + " is muted"};
-    if (found && states_.locks.isLocked(id, *found)) {
+    if (found && states_.locks.isLocked(*found)) {
         const auto live = states_.context.liveState(layer);
         const bool named = live && !live->lockHolder.empty();
         return LayerError{LayerErrorType::ReadOnly,
@@ -76,8 +77,8 @@ std::optional<LayerError> LayersState::whyNotWritable(const pxr::SdfLayerHandle&
 
 bool LayersState::isLayerWritable(const std::string& id) {
     const auto* layer = states_.layers.find(id);
-    return layer && !states_.files.isReadOnly(*layer) && !states_.muteness.isMuted(id) &&
-           !states_.locks.isLocked(id, *layer) && layer->layer && layer->layer->PermissionToEdit();
+    return layer && !states_.files.isReadOnly(*layer) && !states_.muteness.isMuted(layer->id) &&
+           !states_.locks.isLocked(*layer) && layer->layer && layer->layer->PermissionToEdit();
 }
 
 bool LayersState::isLayerReadonlyOnDisk(const std::string& id) {
@@ -115,9 +116,10 @@ LayerResult<void> LayersState::setLayerName(const std::string& id, const std::st
 }
 
 std::string LayersState::layerName(const std::string& id) {
-    if (states_.layers.isRoot(id)) return "Root Layer";
-    if (states_.layers.isSession(id)) return "Session Layer";
     const auto* layer = states_.layers.find(id);
+    const std::string& known = layer ? layer->id : id;
+    if (states_.layers.isRoot(known)) return "Root Layer";
+    if (states_.layers.isSession(known)) return "Session Layer";
     if (layer && layer->layer) {
         const auto custom = LayerUtils::customLayerName(layer->layer);
         if (!custom.empty()) return custom;
@@ -168,7 +170,7 @@ std::vector<std::string> LayersState::outdatedLayerIdentifiers(Which which, bool
     for (const auto& id : states_.layers.used()) {
         const auto& layer = *states_.layers.known(id);
         if (!states_.files.isOutdated(layer)) continue;
-        if (notAuto && states_.autoReloads.covers(id, layer)) continue;
+        if (notAuto && states_.autoReloads.covers(layer)) continue;
         if (which == Which::All || (which == Which::Sublayers) == layer.local) ids.push_back(id);
     }
     return ids;
@@ -187,7 +189,7 @@ LayerResult<void> LayersState::reloadOutdatedLayers(Which which, bool notAuto) {
 
 bool LayersState::isAutoReloadLayer(const std::string& id) {
     const auto* layer = states_.layers.findUsed(id);
-    return layer && layer->used && states_.autoReloads.covers(id, *layer);
+    return layer && layer->used && states_.autoReloads.covers(*layer);
 }
 
 void LayersState::setAutoReload(AutoReload kinds) {
@@ -199,15 +201,16 @@ LayerResult<LayersState::Outcome> LayersState::addAutoReloadLayer(const std::str
     if (!layer) return tl::unexpected(*whyUnknown(id));
     if (!layer->used)
         return fail(LayerErrorType::NotFound, "the stage does not use the layer " + id + " now");
-    if (!states_.autoReloads.add(id)) return Outcome::Unchanged;
-    states_.context.events.push({LayerEventType::AutoReloadLayersChanged, id, {}, {}, {}});
+    if (!states_.autoReloads.add(layer->id)) return Outcome::Unchanged;
+    states_.context.events.push({LayerEventType::AutoReloadLayersChanged, layer->id, {}, {}, {}});
     if (states_.files.isOutdated(*layer)) states_.reloadAutomatically();
     return Outcome::Changed;
 }
 
 LayersState::Outcome LayersState::removeAutoReloadLayer(const std::string& id) {
-    if (!states_.autoReloads.remove(id)) return Outcome::Unchanged;
-    states_.context.events.push({LayerEventType::AutoReloadLayersChanged, id, {}, {}, {}});
+    const std::string& known = states_.layers.idOf(id);
+    if (!states_.autoReloads.remove(known)) return Outcome::Unchanged;
+    states_.context.events.push({LayerEventType::AutoReloadLayersChanged, known, {}, {}, {}});
     return Outcome::Changed;
 }
 

@@ -72,7 +72,7 @@ void StageLayerStates::check() {
         const auto changes = files.check(layer, live);
         if (changes.outdated) outdated.push_back(id);
         if (changes.permission) permission.push_back(id);
-        if (changes.reload && autoReloads.covers(id, layer)) reload.push_back(id);
+        if (changes.reload && autoReloads.covers(layer)) reload.push_back(id);
     }
     notify(LayerEventType::DirtyStateChanged, std::move(dirty));
     notify(LayerEventType::OutdateStateChanged, std::move(outdated));
@@ -84,8 +84,7 @@ void StageLayerStates::reloadAutomatically() {
     nextCheckMs_ = 0;
     std::vector<std::string> live;
     for (const auto& [id, layer] : layers.allKnown())
-        if (files.isOutdated(layer) && autoReloads.covers(id, layer) &&
-            context.liveState(layer.layer))
+        if (files.isOutdated(layer) && autoReloads.covers(layer) && context.liveState(layer.layer))
             live.push_back(id);
     if (!live.empty()) files.reload(live);
 }

@@ -36,6 +36,12 @@ const StageLayers::Layer* StageLayers::find(const std::string& id) {
     return found == layers_.end() ? nullptr : &found->second;
 }
 
+const std::string& StageLayers::idOf(const std::string& spelling) const {
+    if (layers_.contains(spelling)) return spelling;
+    const auto found = layers_.find(LayerUtils::normalizeUrl(spelling));
+    return found == layers_.end() ? spelling : found->second.id;
+}
+
 const StageLayers::Layer* StageLayers::findUsed(const std::string& id) {
     if (!usedKnown_) {
         usedKnown_ = true;

@@ -47,6 +47,9 @@ public:
     [[nodiscard]] const Layer* find(const std::string& id);
     /// Does the same after checking which layers the stage uses, if an edit may have changed that.
     [[nodiscard]] const Layer* findUsed(const std::string& id);
+    /// Returns the identifier of the layer that was last found for this spelling of it, or else the
+    /// spelling itself. Safe inside a notice. Valid until the layers are found again.
+    [[nodiscard]] const std::string& idOf(const std::string& spelling) const;
     /// Returns the layer as it was last found. Safe inside a notice, because it queries nothing.
     [[nodiscard]] const Layer* known(const std::string& id) const;
     [[nodiscard]] std::optional<LayerError> whyUnknown(const std::string& id);

@@ -1,4 +1,4 @@
-// What follows from an action, and the buttons that do it or leave it.
+// The choice that follows from an action, with the buttons that do it or leave it.
 import type { ComponentChildren, JSX } from "preact";
 import { useLayoutEffect, useRef } from "preact/hooks";
 

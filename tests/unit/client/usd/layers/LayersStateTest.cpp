@@ -211,4 +211,45 @@ TEST(LayersStateFiles, FilesAreWatched) {
     EXPECT_FALSE(state.isLayerOutdated(id));
 }
 
+// Each function gives the same answer, and has the same effect, for each spelling of an identifier.
+TEST(LayersStateFiles, EachSpellingOfAnIdentifierNamesTheLayer) {
+    const fs::path folder = fs::temp_directory_path() / "usdlive-layers-spelling";
+    fs::remove_all(folder);
+    fs::create_directories(folder / "sub");
+    const auto sub = pxr::SdfLayer::CreateNew((folder / "sub.usda").string());
+    const auto root = pxr::SdfLayer::CreateNew((folder / "root.usda").string());
+    root->InsertSubLayerPath("./sub.usda");
+    Layers layers(std::make_unique<LayerStackHost>(root));
+    auto& state = layers.state();
+    layers.update(1000);
+    const auto& id = sub->GetIdentifier();
+    const std::vector spellings{id, (folder / "sub/../sub.usda").string(),
+                                (folder / "./sub.usda").string(), "file://" + id};
+    for (const std::string& spelling : spellings) {
+        SCOPED_TRACE(spelling);
+        for (const bool value : {true, false}) {
+            ASSERT_TRUE(state.setLayerLockState(spelling, value));
+            for (const auto& each : spellings) {
+                EXPECT_EQ(state.isLayerLocked(each), value) << each;
+                EXPECT_EQ(state.isLayerWritable(each), !value) << each;
+            }
+            EXPECT_EQ(layerFlags(root, "locked").at(id), value);
+            EXPECT_EQ(layerFlags(root, "locked").size(), 1u);
+            ASSERT_TRUE(state.setLayerGlobalMuteness(spelling, value));
+            for (const auto& each : spellings)
+                EXPECT_EQ(state.isLayerGloballyMuted(each), value) << each;
+            EXPECT_EQ(layerFlags(root, "muteness").size(), 1u);
+        }
+        EXPECT_EQ(state.addAutoReloadLayer(spelling), LayersState::Outcome::Changed);
+        for (const auto& each : spellings) EXPECT_TRUE(state.isAutoReloadLayer(each)) << each;
+        EXPECT_EQ(state.removeAutoReloadLayer(spelling), LayersState::Outcome::Changed);
+        EXPECT_TRUE(state.autoReloadLayers().empty());
+    }
+    const std::string rootSpelling = (folder / "sub/../root.usda").string();
+    EXPECT_EQ(state.layerName(rootSpelling), state.layerName(root->GetIdentifier()));
+    EXPECT_FALSE(state.setLayerLockState(rootSpelling, true));
+    EXPECT_FALSE(state.setLayerGlobalMuteness(rootSpelling, true));
+    fs::remove_all(folder);
+}
+
 }  // namespace usdlive::layers
