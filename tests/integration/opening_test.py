@@ -24,6 +24,11 @@ def server(project, serve):
     return serve(project)
 
 
+@pytest.fixture(params=["fast", "portable"])
+def backend(request):
+    return request.param
+
+
 def ends_of(live: usdlive.Live) -> list:
     ends: list = []
     live.add_handler(lambda event: ends.append(event)
@@ -49,8 +54,8 @@ def test_many_layers_open_while_the_editor_ticks(server, uncollected):
         assert live.opened_layer("many/499.usda").GetPrimAtPath("/P499")
 
 
-def test_a_stage_opens_when_its_layers_are_there(server):
-    with connect(server, "ada") as live:
+def test_a_stage_opens_when_its_layers_are_there(server, backend):
+    with connect(server, "ada", backend=backend) as live:
         ends = ends_of(live)
         live.request_open_layer("shot.usda")
         wait(lambda: ends, live)
@@ -58,8 +63,8 @@ def test_a_stage_opens_when_its_layers_are_there(server):
         assert stage.GetPrimAtPath("/Shot") and stage.GetPrimAtPath("/Sub")
 
 
-def test_close_cancels(server):
-    with connect(server, "ada") as live:
+def test_close_cancels(server, backend):
+    with connect(server, "ada", backend=backend) as live:
         ends = ends_of(live)
         request = live.request_open_layer("shot.usda")
         live.close_layer("shot.usda")
@@ -68,8 +73,8 @@ def test_close_cancels(server):
         assert isinstance(end, events.LayerOpenFailed) and end.request == request and end.code == "layerNotOpen"
 
 
-def test_offline_a_request_waits_for_the_server(server):
-    with connect(server, "ada") as live:
+def test_offline_a_request_waits_for_the_server(server, backend):
+    with connect(server, "ada", backend=backend) as live:
         ends = ends_of(live)
         server.kill()
         wait(lambda: not live.connected, live)
@@ -82,8 +87,8 @@ def test_offline_a_request_waits_for_the_server(server):
         assert isinstance(ends[0], events.LayerOpened) and live.opened_layer("sub.usda")
 
 
-def test_an_event_handler_opens_layers(server):
-    with connect(server, "ada") as live:
+def test_an_event_handler_opens_layers(server, backend):
+    with connect(server, "ada", backend=backend) as live:
         ends = ends_of(live)
 
         def follow(event):
@@ -97,7 +102,7 @@ def test_an_event_handler_opens_layers(server):
         assert live.opened_layer("many/1.usda") and live.opened_layer("many/2.usda")
 
 
-def test_the_event_loop_keeps_running(server):
+def test_the_event_loop_keeps_running(server, backend):
     async def count(frames: list) -> None:
         while True:
             frames.append(time.monotonic())
@@ -115,5 +120,57 @@ def test_the_event_loop_keeps_running(server):
         assert raised.value.code == "layerNotFound"
         counting.cancel()
 
-    with connect(server, "ada") as live:
+    with connect(server, "ada", backend=backend) as live:
         asyncio.run(main(live))
+
+
+def test_a_connection_that_is_closed_ends_what_waits_for_it(server, backend):
+    """Also where somebody else calls tick()."""
+    async def main() -> None:
+        live = await usdlive.connect_async(server.url, user="ada", backend=backend)
+        assert live.backend == backend
+        seen: list = []
+
+        async def watch(interval: float | None) -> None:
+            async for event in live.events(interval):
+                seen.append(event)
+
+        waiting = [asyncio.ensure_future(one) for interval in (None, 0.01) for one in (
+            watch(interval), live.open_layer_async(f"many/{interval or 0:g}.usda", interval=interval))]
+        await asyncio.sleep(0)
+        live.close()
+        *ends, = await asyncio.wait_for(asyncio.gather(*waiting, return_exceptions=True), 10)
+        assert [getattr(end, "code", end) for end in ends[::2]] == [None, None], "events() ends"
+        for end in ends[1::2]:
+            assert isinstance(end, usdlive.Error) and end.code in ("notConnected", "layerNotOpen", "layerNotFound"), end
+
+    asyncio.run(main())
+
+
+def test_a_stage_is_opened_and_edited_in_the_event_loop(server, backend):
+    async def main() -> None:
+        ada = await usdlive.connect_async(server.url, user="ada", backend=backend)
+        bob = await usdlive.connect_async(server.url, user="bob", backend=backend)
+        try:
+            stage, other = await asyncio.gather(ada.open_stage_async("shot.usda"), bob.open_stage_async("shot.usda"))
+            assert stage.GetPrimAtPath("/Sub")
+
+            async def first_of_bob() -> events.Event:
+                async for event in bob.events():
+                    if isinstance(event, events.Committed):
+                        return event
+
+            watching = asyncio.ensure_future(first_of_bob())
+            await asyncio.sleep(0)
+            stage.DefinePrim("/Shot/New")
+            assert ada.flush()
+            assert (await asyncio.wait_for(watching, 20)).user == "ada"
+            assert other.GetPrimAtPath("/Shot/New")
+            with pytest.raises(usdlive.Error) as raised:
+                await usdlive.connect_async("ws://127.0.0.1:1", backend=backend)
+            assert raised.value.code == "notConnected"
+        finally:
+            ada.close()
+            bob.close()
+
+    asyncio.run(main())

@@ -33,7 +33,7 @@ from ._undo import UndoKept, UndoResult, UndoStack  # noqa: E402
 from ._unsent import UnsentWork  # noqa: E402
 
 __all__ = ["__version__", "Conflict", "Error", "ErrorCode", "LiveSession", "LoggedCommit", "Merged", "Opinion", "Playhead", "Sessions",
-           "UndoKept", "UndoResult", "UndoStack", "UnsentWork", "connect", "events", "sessions"]
+           "UndoKept", "UndoResult", "UndoStack", "UnsentWork", "connect", "connect_async", "events", "sessions"]
 
 if _other is None:
     from . import plugins
@@ -43,9 +43,9 @@ if _other is None:
 
     plugins.register()
 
-    __all__ += ["Live", "NamespaceEditor", "Player", "connect_async", "plugins"]
+    __all__ += ["Live", "NamespaceEditor", "Player", "plugins"]
 else:
-    from .portable.connecting import connect
+    from .portable.connecting import connect, connect_async
 
     def __getattr__(name: str) -> object:
         raise AttributeError(f"usdlive has no {name!r} in this process, which has only the portable backend: {_other}")

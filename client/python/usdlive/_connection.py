@@ -13,6 +13,7 @@ import weakref
 from pxr import Sdf, Usd
 
 from . import events
+from ._asynchronous import Asynchronous
 from ._errors import Error
 from ._history import LoggedCommit, Moment, Opinion, logged, milliseconds, opinion
 from ._muteness import MutenessOfStage
@@ -33,10 +34,11 @@ class _Shown(typing.NamedTuple):
     data: str = ""
 
 
-class Connection(abc.ABC):
+class Connection(Asynchronous):
     """The part of `Live` and `PortableLive` over the functions that their extensions have under the same names."""
 
     def __init__(self, client: typing.Any, url: str):
+        super().__init__()
         self._client, self._url = client, url
         self._process = os.getpid()
         self._handlers: list[typing.Callable[[events.Event], None]] = []
@@ -56,10 +58,6 @@ class Connection(abc.ABC):
         return self._client.layers()
 
     # -- calls that wait
-
-    @abc.abstractmethod
-    def opened_layer(self, layer: str) -> Sdf.Layer | None:
-        """Returns the live layer with all its content; None when it is not open, or still opening."""
 
     @abc.abstractmethod
     def flush(self, timeout: float = 10.0) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import collections
 import os
 import time
@@ -12,6 +11,7 @@ import warnings
 from pxr import Sdf, Usd
 
 from . import _usdlive, events
+from ._asynchronous import connecting
 from ._connection import Connection
 from ._errors import Error
 from ._foreign_files import ForeignFiles
@@ -19,6 +19,7 @@ from ._forked import keep_if_forked
 from ._past import ReadOnly, open_at
 from ._player import Player
 from .portable.connecting import connect as connect_portable
+from .portable.connecting import connect_async as connect_portable_async
 from .portable.connecting import joined
 
 
@@ -57,12 +58,10 @@ def connect(url: str, *, user: str = "", application: str = "python", cache_fold
 
 async def connect_async(url: str, **options: typing.Any) -> "Live":
     """`connect()` while the event loop goes on: another thread waits for the server. Takes the same `options`."""
-    connecting = asyncio.ensure_future(asyncio.to_thread(connect, url, **options))
-    try:
-        return await asyncio.shield(connecting)
-    except asyncio.CancelledError:
-        connecting.add_done_callback(lambda done: done.cancelled() or done.exception() or done.result().close(timeout=0))
-        raise
+    if options.get("backend") not in (None, "fast"):
+        options.pop("addresses", None)
+        return typing.cast(Live, await connect_portable_async(url, **options))
+    return await connecting(lambda: connect(url, **options), lambda live: live.close(timeout=0))
 
 
 def _file_name(path: str) -> str:
@@ -100,8 +99,6 @@ class Live(Connection):
     def __init__(self, client: "_usdlive.Client", url: str, user: str):
         super().__init__(client, url)
         self._user = user
-        # Handlers of calls that wait for an answer.
-        self._answered: list[typing.Callable[[events.Event], None]] = []
         self._foreign_files: list[ForeignFiles] = []
         self._past: list[ReadOnly] = []
         # Events for which handlers were not called yet.
@@ -129,33 +126,6 @@ class Live(Connection):
         """The live layer with all its content; None when it is not open, or still opening."""
         identifier = self._client.opened_layer(layer)
         return None if identifier is None else _held(identifier)
-
-    async def open_layer_async(self, layer: str, payloads: bool = True,
-                               interval: float | None = 1 / 60) -> Sdf.Layer:
-        """`open_layer()` while the event loop goes on. Ticks by itself every `interval` seconds; None: only when
-        `tick()` is called elsewhere. Raises an Error when the layer cannot be opened. A task that is cancelled
-        leaves the layer opening: `close_layer()` ends that."""
-        ends: list[events.LayerOpened | events.LayerOpenFailed] = []
-
-        def note(event: events.Event) -> None:
-            if isinstance(event, (events.LayerOpened, events.LayerOpenFailed)) and event.request == request:
-                ends.append(event)
-
-        request = self.request_open_layer(layer, payloads)
-        self._answered.append(note)
-        try:
-            while not ends:
-                more = interval is not None and self.tick()
-                if not ends:
-                    await asyncio.sleep(0 if more else interval or 1 / 120)
-        finally:
-            self._answered.remove(note)
-        if isinstance(ends[0], events.LayerOpenFailed):
-            raise Error(ends[0].code, ends[0].message)
-        opened = self.opened_layer(layer)
-        if opened is None:
-            raise Error("layerNotOpen", f"{layer} was closed by an event handler")
-        return opened
 
     def create_layer(self, layer: str) -> Sdf.Layer:
         """Creates a new, empty layer of the project for all users, and opens it:
@@ -215,13 +185,6 @@ class Live(Connection):
         if at is not None:
             return self._past_stage(layer, at, load, follow_muteness)
         return self._stage(self.open_layer(layer, load == Usd.Stage.LoadAll), layer, load, follow_muteness)
-
-    async def open_stage_async(self, layer: str, load: "Usd.Stage.InitialLoadSet" = Usd.Stage.LoadAll,
-                               follow_muteness: bool = True, interval: float | None = 1 / 60) -> Usd.Stage:
-        """`open_stage()` while the event loop goes on, as `open_layer_async()` does. Composing the stage from its layers,
-        when they are here, does not wait for anything."""
-        root = await self.open_layer_async(layer, load == Usd.Stage.LoadAll, interval)
-        return self._stage(root, layer, load, follow_muteness)
 
     def _stage(self, root: Sdf.Layer, layer: str, load: "Usd.Stage.InitialLoadSet", follow_muteness: bool) -> Usd.Stage:
         stage = Usd.Stage.Open(root, load)
@@ -417,23 +380,6 @@ class Live(Connection):
         return _held(self._client.lost_work_as_layer(index, layer))
 
     # -- events
-
-    async def events(self, interval: float | None = 1 / 60) -> typing.AsyncIterator[events.Event]:
-        """Yields the events from now on. While the caller waits, calls `tick()` every `interval` seconds. With
-        None, the caller has to call `tick()` elsewhere."""
-        queue: list[events.Event] = []
-        self.add_handler(queue.append)
-        try:
-            while True:
-                while queue:
-                    yield queue.pop(0)
-                if interval is None:
-                    await asyncio.sleep(1 / 120)
-                else:
-                    more = self.tick()
-                    await asyncio.sleep(0 if more else interval)
-        finally:
-            self.remove_handler(queue.append)
 
     def wait(self, condition: typing.Callable[[], bool], timeout: float = 10.0) -> bool:
         """Calls `tick()` until `condition()` is true. Returns False after `timeout` seconds."""

@@ -39,6 +39,13 @@ def _not_here(name: str) -> NotInPortable:
                                              "with the usd-core for which usdlive was built, or the command usdlive")
 
 
+class _Opening(typing.NamedTuple):
+    """A request to open a layer."""
+
+    layer: str
+    end: typing.Callable[["events.LayerOpened | events.LayerOpenFailed"], None]
+
+
 class _LiveLayer:
     """A live layer, and where the editor has perhaps written in it."""
 
@@ -181,10 +188,7 @@ class PortableLive(Connection):
 
     backend = "portable"
 
-    def __init__(self, url: str, *, user: str = "", application: str = "python", cache_folder: str = "",
-                 timeout: float = 10.0, cache_mib: int = 4096, token: str = ""):
-        named = os.path.realpath(os.fspath(cache_folder)) if cache_folder else ""
-        client = _session.Session(url, user, application, named, timeout * 1000.0, cache_mib << 20, token)
+    def __init__(self, client: "_session.Session", url: str):
         super().__init__(client, url)
         self._folder = pathlib.Path(os.path.realpath(client.cache_folder))
         self._make_places(self.layers())
@@ -192,7 +196,9 @@ class PortableLive(Connection):
         self._notices = _Notices(self._layers)
         self._answers: dict[int, events.Event | None] = {}
         self._failed: dict[str, events.JoinFailed] = {}
-        self._happened: list[events.Event] = []  # for the handlers
+        self._happened: collections.deque[events.Event] = collections.deque()  # handlers were not called yet
+        self._opening: dict[int, _Opening] = {}  # by the number of the request
+        self._openings = 1 << 32  # the number of the last request; those of the session are smaller
         self._ticking = False
         self._gestures = 0  # open ones, each inside the one before
 
@@ -205,20 +211,31 @@ class PortableLive(Connection):
         """Returns the identifier that a layer of the project has in this process."""
         return str(self._folder / layer)
 
-    def open_layer(self, layer: str) -> Sdf.Layer:
-        """Opens a layer of the project live, with all layers of the project that it uses. Blocks until it has arrived."""
+    def open_layer(self, layer: str, payloads: bool = True) -> Sdf.Layer:
+        """Opens a layer of the project live, with all layers of the project that it uses. Blocks until it has arrived. This
+        backend also opens layers that only payloads use, whatever `payloads` is."""
         self._may_wait("open_layer")
-        self._open(layer)
+        ends: list[events.LayerOpened | events.LayerOpenFailed] = []
+        request = self._begin_opening(layer, ends.append)
         try:
-            self._wait(lambda: layer in self._failed or self._is_whole(layer, set()), f"{layer} did not arrive")
+            self._wait(lambda: bool(ends), f"{layer} did not arrive")
         except Error:
+            self._opening.pop(request, None)
             self._forget(layer)
             raise
-        failed = self._failed.pop(layer, None)
-        if failed is not None:
-            self._forget(layer)
-            raise Error(failed.code, failed.message)
-        return self._layers[layer].layer
+        if isinstance(ends[0], events.LayerOpenFailed):
+            raise Error(ends[0].code, ends[0].message)
+        opened = self.opened_layer(layer)
+        if opened is None:
+            raise Error("layerNotOpen", f"{layer} was closed by an event handler")
+        return opened
+
+    def request_open_layer(self, layer: str, payloads: bool = True) -> int:
+        """Begins to open a layer and returns at once; ticks do the work, also while there is no connection. The answer is an
+        `events.LayerOpened`, after which `opened_layer()` returns the layer, or an `events.LayerOpenFailed`, with the number
+        that this returns. `close_layer()` cancels it. `payloads`: see `open_layer()`."""
+        self._client.check_caller("request_open_layer")
+        return self._begin_opening(layer, self._happened.append)
 
     def opened_layer(self, layer: str) -> Sdf.Layer | None:
         """The live layer with all its content; None when it is not open, or still opening."""
@@ -232,7 +249,10 @@ class PortableLive(Connection):
         for everybody (`mute`) are muted on this stage. Keep this object as long as you edit it."""
         if at is not None:
             raise _not_here("open_stage(at=)")
-        stage = Usd.Stage.Open(self.open_layer(layer), load)
+        return self._stage(self.open_layer(layer), layer, load, follow_muteness)
+
+    def _stage(self, root: Sdf.Layer, layer: str, load: Usd.Stage.InitialLoadSet, follow_muteness: bool) -> Usd.Stage:
+        stage = Usd.Stage.Open(root, load)
         keep_if_forked(stage)
         if follow_muteness:
             self._follow(stage, layer)
@@ -249,7 +269,8 @@ class PortableLive(Connection):
         self._may_wait("close_layer")
         if layer not in self._layers:
             raise Error("layerNotOpen", f"{layer} is not open")
-        self._tick(0.0, math.inf)  # takes all that the editor wrote
+        if self._layers[layer].filled:
+            self._tick(0.0, math.inf)  # takes all that the editor wrote
         self._forget(layer)
 
     # -- editing
@@ -270,25 +291,27 @@ class PortableLive(Connection):
             if call is not None:
                 call()
             more = self._client.advance(budget_ms)
-            happened = self._take_events()
+            self._take_events()
             for live in list(self._layers.values()):
                 self._apply(live)
             self._update_muteness()
+            self._end_openings()
         finally:
             self._ticking = False
-        self._notify(happened)
+        self._notify()
         return more or any(live.sweep is not None for live in self._layers.values())
 
-    def _take_events(self) -> list[events.Event]:
-        self._happened += [events._from_dictionary(one) for one in self._client.take_events()]
-        for event in list(self._happened):
+    def _take_events(self) -> None:
+        for one in self._client.take_events():
+            event = events._from_dictionary(one)
             self._note(event)
-        happened, self._happened = self._happened, []
-        return happened
+            self._happened.append(event)
 
-    def _notify(self, happened: list[events.Event]) -> None:
-        for event in happened:
-            for handler in list(self._handlers):
+    def _notify(self) -> None:
+        """Calls the handlers. An exception of one loses no events: the next tick goes on."""
+        while self._happened:
+            event = self._happened.popleft()
+            for handler in (*self._answered, *self._handlers):
                 handler(event)
             if not self._handlers and isinstance(event, (events.Lost, events.JoinFailed)):
                 warnings.warn(str(event), RuntimeWarning, stacklevel=4)
@@ -388,12 +411,13 @@ class PortableLive(Connection):
         self.end_gesture()
         self.flush(timeout)
         unsent = self._client.leave()
-        happened = self._take_events()
+        self._take_events()
         for layer in list(self._layers):
             self._forget(layer)
         self._notices.end()
         self._client.close()
-        self._notify(happened)
+        self._end_openings()
+        self._notify()
         return self._left(unsent)
 
     def __del__(self) -> None:
@@ -406,6 +430,34 @@ class PortableLive(Connection):
             live.end()
 
     # -- opening
+
+    def _begin_opening(self, layer: str, end: typing.Callable[["events.LayerOpened | events.LayerOpenFailed"], None]) -> int:
+        """`end` is called by a tick."""
+        self._openings += 1
+        self._opening[self._openings] = _Opening(layer, end)
+        try:
+            self._open(layer)
+        except Error as error:
+            self._failed[layer] = events.JoinFailed(layer, error.code, error.message)
+        return self._openings
+
+    def _end_openings(self) -> None:
+        over: set[str] = set()
+        for request, (layer, end) in list(self._opening.items()):
+            failed = self._failed.get(layer)
+            if failed is not None:
+                over.add(layer)
+                end(events.LayerOpenFailed(request, layer, failed.code, failed.message))
+            elif layer not in self._layers:
+                end(events.LayerOpenFailed(request, layer, "layerNotOpen", f"{layer} was closed while it was being opened"))
+            elif self._is_whole(layer, set()):
+                end(events.LayerOpened(request, layer))
+            else:
+                continue
+            del self._opening[request]
+        for layer in over:
+            del self._failed[layer]
+            self._forget(layer)
 
     def _open(self, name: str) -> None:
         if name in self._layers:
