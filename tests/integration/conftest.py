@@ -366,12 +366,17 @@ def refused_in_a_notice(call, live: usdlive.Live, server: Server) -> usdlive.Err
     """Returns the error of a call that a notice handler makes while `live` applies somebody's edit of shot.usda."""
     layer = live.open_layer("shot.usda")
     said = []
+    calling = threading.Lock()
 
     def changed(*_):
+        if not calling.acquire(blocking=False):
+            return  # the call itself makes layers
         try:
             call()  # bob's own edit is not within a tick of `live`, and allows it
         except usdlive.Error as refused:
             said.append(refused)
+        finally:
+            calling.release()
 
     key = Tf.Notice.RegisterGlobally(Sdf.Notice.LayersDidChange, changed)
     with connect(server, "bob") as bob:

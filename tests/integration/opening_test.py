@@ -61,6 +61,7 @@ def test_a_stage_opens_when_its_layers_are_there(server, backend):
         wait(lambda: ends, live)
         stage = Usd.Stage.Open(live.opened_layer("shot.usda"))
         assert stage.GetPrimAtPath("/Shot") and stage.GetPrimAtPath("/Sub")
+        assert [live.layer_name(one) for one in stage.GetLayerStack()] == [None, "shot.usda", "sub.usda"]
 
 
 def test_close_cancels(server, backend):

@@ -44,6 +44,11 @@ def server(project, serve):
     return serve(project)
 
 
+@pytest.fixture(params=["fast", "portable"])
+def backend(request):
+    return request.param
+
+
 def layer(live, name):
     return live.opened_layer(name)
 
@@ -105,8 +110,8 @@ def exported(server, folder, revision: int) -> Usd.Stage:
     return Usd.Stage.Open(str(folder / str(revision) / "shot.usda"))
 
 
-def test_a_stage_of_the_past_is_that_of_the_files_of_then(server, tmp_path):
-    with connect(server, "ada") as live:
+def test_a_stage_of_the_past_is_that_of_the_files_of_then(server, tmp_path, backend):
+    with connect(server, "ada", backend) as live:
         revisions = history(live)
         for at in range(revisions[0], live.revision + 1):
             past = live.open_stage("shot.usda", at=at)
@@ -116,8 +121,8 @@ def test_a_stage_of_the_past_is_that_of_the_files_of_then(server, tmp_path):
         assert "/World/Planet" in composed(live.open_stage("shot.usda"))
 
 
-def test_it_refuses_edits_and_stays_as_it_is(server):
-    with connect(server, "ada") as live:
+def test_it_refuses_edits_and_stays_as_it_is(server, backend):
+    with connect(server, "ada", backend) as live:
         now = live.open_stage("shot.usda")
         assert live.flush()
         past = live.open_stage("shot.usda", at=live.revision, load=Usd.Stage.LoadNone)
@@ -137,8 +142,8 @@ def test_it_refuses_edits_and_stays_as_it_is(server):
     assert composed(past) == before, "also after the connection was closed"
 
 
-def test_a_payload_that_is_loaded_later_is_of_then_and_refuses_edits(server):
-    with connect(server, "ada") as live:
+def test_a_payload_that_is_loaded_later_is_of_then_and_refuses_edits(server, backend):
+    with connect(server, "ada", backend) as live:
         stage = live.open_stage("shot.usda")
         stage.DefinePrim("/World/Late").GetPayloads().AddPayload("props/chair.usda", "/Chair")
         assert live.flush()
@@ -155,8 +160,8 @@ def test_a_payload_that_is_loaded_later_is_of_then_and_refuses_edits(server):
         assert past.GetAttributeAtPath("/World/Late.height").Get() == 1.0
 
 
-def test_layers_that_were_muted_for_everybody_then_are_muted(server):
-    with connect(server, "ada") as live:
+def test_layers_that_were_muted_for_everybody_then_are_muted(server, backend):
+    with connect(server, "ada", backend) as live:
         live.open_stage("shot.usda")
         live.mute("shot.usda", "sub/look.usda")
         assert live.flush()
@@ -171,8 +176,8 @@ def test_layers_that_were_muted_for_everybody_then_are_muted(server):
         assert has_look(at=at, follow_muteness=False) and has_look(at=at + 1) and has_look()
 
 
-def test_a_revision_that_cannot_be_read_is_an_error_that_says_which_can(server):
-    with connect(server, "ada") as live:
+def test_a_revision_that_cannot_be_read_is_an_error_that_says_which_can(server, backend):
+    with connect(server, "ada", backend) as live:
         def code(*arguments, **options):
             with pytest.raises(usdlive.Error) as raised:
                 live.open_stage(*arguments, **options)
@@ -190,7 +195,7 @@ def test_a_revision_that_cannot_be_read_is_an_error_that_says_which_can(server):
         assert code("none.usda", at=1)[0] == "layerNotFound"
         checkpoint = next(one for one in live.checkpoints() if one.name == "lunch")
         run("compact", server.url, "--days", "0")  # not beyond the checkpoint
-        with connect(server, "bo") as later:
+        with connect(server, "bo", backend) as later:
             for one in (live, later):
                 live_stage = one.open_stage("shot.usda", at=checkpoint.revision)
                 assert live_stage.GetAttributeAtPath("/World/Ball.radius").Get() == 2.0
@@ -205,6 +210,27 @@ def test_a_revision_that_cannot_be_read_is_an_error_that_says_which_can(server):
         assert code("shot.usda", at=newest)[0] == "notConnected"
     with pytest.raises(usdlive.Error, match="was closed"):
         live.open_stage("shot.usda", at=1)
+
+
+def test_a_stage_of_the_past_has_its_big_values_and_layers_that_are_gone(server, backend):
+    with connect(server, "ada", backend) as live:
+        stage = live.open_stage("shot.usda")
+        cloud = live.create_layer("fx/cloud.usda")
+        with Sdf.ChangeBlock():
+            prim = Sdf.CreatePrimInLayer(cloud, "/World/Cloud")
+            Sdf.AttributeSpec(prim, "points", Sdf.ValueTypeNames.DoubleArray).default = [float(one) for one in range(100_000)]
+        assert live.flush()
+        stage.GetRootLayer().subLayerPaths.append("fx/cloud.usda")
+        assert live.flush()
+        at = live.revision
+        cloud.GetPrimAtPath("/World/Cloud").properties["points"].default = [1.0]
+        stage.GetRootLayer().subLayerPaths.remove("fx/cloud.usda")
+        assert live.flush()
+    with connect(server, "bo", backend) as live:
+        past = live.open_stage("shot.usda", at=at)
+        points = past.GetAttributeAtPath("/World/Cloud.points").Get()
+        assert len(points) == 100_000 and points[99_999] == 99_999.0
+        assert not live.open_stage("shot.usda").GetPrimAtPath("/World/Cloud")
 
 
 def test_it_needs_addresses(server):

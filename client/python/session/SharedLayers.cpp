@@ -3,6 +3,8 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <set>
+#include <string>
 #include <utility>
 
 #include "basics/Clocks.h"
@@ -25,6 +27,8 @@ constexpr const char* kSharedCachePrefix = "usdlive-cache-";
 // The budget of a step while a call waits for the server, and its longest wait.
 constexpr double kStepBudgetMs = 50, kStepMs = 5;
 constexpr double kUnreachableMs = 1000;
+// A call fails if a connected server sends nothing for this time.
+constexpr double kSilentMs = 60'000;
 
 Session::Options optionsFor(const SharedLayers::Settings& settings, const Hash& secret) {
     Session::Options options;
@@ -347,6 +351,38 @@ void SharedLayers::content(const LayerId& layer, const Visit& visit) {
     visitContent(
         *found->second.shown, [this](const FieldValue& value) { return inlineOrAsk(value); },
         visit);
+}
+
+void SharedLayers::content(const LayerDoc& past, const Visit& visit) {
+    visitContent(past, [this](const FieldValue& value) { return inlineOrAsk(value); }, visit);
+}
+
+Result<LayerDoc> SharedLayers::past(const LayerId& layer, Revision revision) {
+    auto content = history_.readLayer(layer, revision);
+    if (!content) return tl::unexpected(content.error());
+    std::set<Hash> missing;
+    const auto note = [&](const Value& blob) {
+        if (!blobs_.holds(blob.hash())) missing.insert(blob.hash());
+    };
+    content->doc.visit([&](const LayerDoc::SpecView& spec) {
+        for (const auto& [name, value] : *spec.fields) forEachBlob(value, note);
+    });
+    for (const Hash& hash : missing)
+        if (awaited_.insert(hash).second) session_->requestBlob(hash);
+    const auto isAwaited = [this](const Hash& hash) { return awaited_.contains(hash); };
+    Stopwatch silent;
+    while (std::ranges::any_of(missing, isAwaited)) {
+        if (!session_->isConnected()) return tl::unexpected(link_->notThere(*session_));
+        if (step()) silent = Stopwatch();
+        if (silent.ms() > kSilentMs)
+            return fail(ErrorCode::NotConnected, "the server no longer answers");
+    }
+    const auto isHere = [this](const Hash& hash) { return blobs_.holds(hash); };
+    if (!std::ranges::all_of(missing, isHere))
+        return fail(ErrorCode::BlobNotFound, "the server does not have a big value of " +
+                                                 layer.value + " at revision " +
+                                                 std::to_string(revision));
+    return std::move(content->doc);
 }
 
 // --- lost and unsent edits

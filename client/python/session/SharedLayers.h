@@ -99,6 +99,12 @@ public:
     /// Calls `visit` for each spec of the layer as the editor has it after takeChanges(): parents
     /// before children, siblings in order, with the fields that are here.
     void content(const LayerId& layer, const Visit& visit);
+    /// Does the same for the result of past().
+    void content(const LayerDoc& past, const Visit& visit);
+    /// Returns a layer as it was at a revision, when its big values are here, too. Waits for the
+    /// server; takeEvents() then has what happened meanwhile. Errors: those of
+    /// SessionHistory::readLayer(); BlobNotFound (the server lacks a big value).
+    [[nodiscard]] Result<LayerDoc> past(const LayerId& layer, Revision revision);
     /// Returns whether the editor should have the spec after takeChanges().
     [[nodiscard]] bool has(const LayerId& layer, const std::string& path) const {
         const auto found = layers_.find(layer);

@@ -161,6 +161,29 @@ public:
         return specs;
     }
 
+    /// Raises an error if the layer cannot be read at a revision. Waits for the server.
+    void checkReadable(const std::string& name, Revision revision) {
+        const LayerId layer = orRaise(parseLayerId(name));
+        auto& layers = here("open_stage");
+        const auto readable = [&] {
+            const nb::gil_scoped_release release;
+            return layers.history().checkReadable(layer, revision);
+        }();
+        if (!readable) raise(readable.error());
+    }
+    /// Returns content() of a layer as it was at a revision. Waits for it.
+    nb::list contentAt(const std::string& name, Revision revision) {
+        const LayerId layer = orRaise(parseLayerId(name));
+        auto& layers = here("open_stage");
+        const LayerDoc past = orRaise([&] {
+            const nb::gil_scoped_release release;
+            return layers.past(layer, revision);
+        }());
+        nb::list specs;
+        layers.content(past, adderTo(specs));
+        return specs;
+    }
+
     /// Whether the editor should have a spec.
     bool has(const std::string& name, const std::string& path) {
         return here("has").has(orRaise(parseLayerId(name)), path);
@@ -412,6 +435,8 @@ NB_MODULE(_session, module) {
         .def("submit", &PythonSession::submit)
         .def("take_changes", &PythonSession::takeChanges)
         .def("content", &PythonSession::content)
+        .def("check_readable", &PythonSession::checkReadable)
+        .def("content_at", &PythonSession::contentAt)
         .def("has", &PythonSession::has)
         .def("held", &PythonSession::held)
         .def("undo", &PythonSession::undo)

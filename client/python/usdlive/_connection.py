@@ -128,6 +128,19 @@ class Connection(Asynchronous):
         """Returns the checkpoints, by revision."""
         return list(self.ask("listCheckpoints", timeout=timeout).checkpoints)
 
+    def _revision_at(self, at: int | str) -> int:
+        """Returns the revision that a user means by a number or by the name of a checkpoint."""
+        if isinstance(at, int):
+            if at < 1:
+                raise Error("invalidArgument", f"there is no revision {at}: revisions count from 1")
+            return at
+        if not isinstance(at, str):
+            raise Error("invalidArgument", f"{at!r} is neither a revision (a whole number) nor the name of a checkpoint")
+        for one in self.checkpoints():
+            if one.name == at:
+                return one.revision
+        raise Error("invalidArgument", f"the project has no checkpoint '{at}'; checkpoints() lists them")
+
     def request_checkpoint(self, name: str) -> int:
         """Requests a checkpoint of the confirmed state without waiting. Returns a number. The answer is an
         `events.CheckpointMade` or an `events.ServerError` with this number as its `request`."""

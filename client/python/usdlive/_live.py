@@ -210,19 +210,6 @@ class Live(Connection):
         self._past = [one for one in self._past if one.stage() is not None] + [ReadOnly(stage)]
         return stage
 
-    def _revision_at(self, at: int | str) -> int:
-        """Returns the revision that a user means by a number or by the name of a checkpoint."""
-        if isinstance(at, int):
-            if at < 1:
-                raise Error("invalidArgument", f"there is no revision {at}: revisions count from 1")
-            return at
-        if not isinstance(at, str):
-            raise Error("invalidArgument", f"{at!r} is neither a revision (a whole number) nor the name of a checkpoint")
-        for one in self.checkpoints():
-            if one.name == at:
-                return one.revision
-        raise Error("invalidArgument", f"the project has no checkpoint '{at}'; checkpoints() lists them")
-
     def attach(self, stage: Usd.Stage, project_folder: str = "", follow_muteness: bool = True) -> list[str]:
         """Makes the layers of an open stage live. The stage was opened from the folder that the server serves,
         or from a copy. The default of `project_folder` is derived from the root layer's path. Returns the

@@ -2,6 +2,7 @@
 #include "history/SessionHistory.h"
 
 #include <memory>
+#include <string>
 #include <utility>
 
 #include "basics/Clocks.h"
@@ -36,6 +37,32 @@ Result<void> SessionHistory::checkLayer(const LayerId& layer) const {
     if (!session_.projectLayers().contains(layer))
         return fail(ErrorCode::LayerNotFound, "the project has no layer " + layer.value);
     return {};
+}
+
+Result<void> SessionHistory::checkRevision(Revision revision) const {
+    if (revision == 0)
+        return fail(ErrorCode::InvalidArgument, "there is no revision 0: revisions count from 1");
+    if (revision <= newest()) return {};
+    return fail(ErrorCode::FutureRevision, "there is no revision " + std::to_string(revision) +
+                                               " yet: the newest is " + std::to_string(newest()));
+}
+
+// The commit after a revision can be read if the content at the revision can.
+Result<void> SessionHistory::checkReadable(const LayerId& layer, Revision revision) {
+    if (auto known = checkLayer(layer); !known) return known;
+    if (newest() == 0)
+        return fail(ErrorCode::FutureRevision,
+                    "the project has no history yet: open a layer of it first");
+    if (revision == 0) return checkRevision(revision);
+    if (revision == newest()) return {};
+    const Revision asked =
+        revision < newest() ? revision + 1 : revision;  // others may have made it
+    const auto read = readLog(asked, asked);
+    if (read) return {};
+    if (read.error().code == ErrorCode::FutureRevision) return checkRevision(revision);
+    if (read.error().code != ErrorCode::HistoryReplaced) return tl::unexpected(read.error());
+    // The error of the server says which revision is the oldest.
+    return readLayer(layer, revision).map([](const auto&) {});
 }
 
 // `answer` belongs to the session, too, which may set it after this has given up.

@@ -34,6 +34,11 @@ public:
                                             bool below);
     /// Returns an error if there is no connection, or the project has no such layer.
     [[nodiscard]] Result<void> checkLayer(const LayerId& layer) const;
+    /// Returns an error if there is no such revision yet, or it is 0.
+    [[nodiscard]] Result<void> checkRevision(Revision revision) const;
+    /// Returns an error if the layer cannot be read at a revision, which says what can be read.
+    /// Waits for the server.
+    [[nodiscard]] Result<void> checkReadable(const LayerId& layer, Revision revision);
 
     [[nodiscard]] Revision newest() const override { return session_.revision(); }
     [[nodiscard]] Revision base() const override { return session_.welcome()->base.value_or(0); }

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import atexit
 import collections
 import contextlib
 import functools
 import math
 import os
 import pathlib
+import shutil
 import tempfile
 import time
 import typing
@@ -19,6 +21,7 @@ from .. import _session, events
 from .._connection import Connection
 from .._errors import Error
 from .._forked import keep_if_forked
+from .._past import ReadOnly, open_at
 from . import values
 from ._content import Memory, Reader, Writer, assets_of, child_names, object_at, stays, write
 
@@ -28,6 +31,7 @@ _SLICE = 4  # prims that are compared together, beside those that stages have na
 _SWEEP = 0.001  # seconds of each tick for such a comparison
 _SEAL = 0.05  # seconds for it where the editor's edits are to be complete
 _SMALL = 1_000  # a layer of so many specs is compared at once
+_ARGUMENTS = ":SDF_FORMAT_ARGS:"  # behind the path of a file
 
 
 class NotInPortable(Error, AttributeError):
@@ -201,6 +205,7 @@ class PortableLive(Connection):
         self._openings = 1 << 32  # the number of the last request; those of the session are smaller
         self._ticking = False
         self._gestures = 0  # open ones, each inside the one before
+        self._past: list[ReadOnly] = []
 
     def __getattr__(self, name: str) -> typing.NoReturn:
         raise _not_here(name)
@@ -243,12 +248,22 @@ class PortableLive(Connection):
         live = self._layers.get(layer)
         return live.layer if live is not None and live.filled else None
 
+    def layer_name(self, layer: Sdf.Layer) -> str | None:
+        """Returns the project's name of a live layer, or None for other layers."""
+        self._client.check_caller("layer_name")
+        return next((name for name, live in self._layers.items() if live.layer == layer), None)
+
     def open_stage(self, layer: str, load: Usd.Stage.InitialLoadSet = Usd.Stage.LoadAll, follow_muteness: bool = True, *,
                    at: int | str | None = None) -> Usd.Stage:
         """Opens a `Usd.Stage` on a layer of the project; its layers are live. With `follow_muteness`, layers that are muted
-        for everybody (`mute`) are muted on this stage. Keep this object as long as you edit it."""
+        for everybody (`mute`) are muted on this stage. Keep this object as long as you edit it.
+
+        With `at`, a revision or the name of a checkpoint, opens the stage as it was then. Its layers are files in a temporary
+        folder that is removed at the end of the process; they refuse edits and are not live. Blocks until all layers that
+        they use are here, also those of payloads. Raises an Error: `futureRevision` and `historyReplaced` (`usdlive compact`)
+        say which revisions there are; `invalidArgument` (no such checkpoint); `layerNotFound`; `notConnected`."""
         if at is not None:
-            raise _not_here("open_stage(at=)")
+            return self._past_stage(layer, at, load, follow_muteness)
         return self._stage(self.open_layer(layer), layer, load, follow_muteness)
 
     def _stage(self, root: Sdf.Layer, layer: str, load: Usd.Stage.InitialLoadSet, follow_muteness: bool) -> Usd.Stage:
@@ -257,6 +272,35 @@ class PortableLive(Connection):
         if follow_muteness:
             self._follow(stage, layer)
         return stage
+
+    def _past_stage(self, layer: str, at: int | str, load: Usd.Stage.InitialLoadSet, follow_muteness: bool) -> Usd.Stage:
+        self._may_wait("open_stage")
+        revision = self._revision_at(at)
+        self._client.check_readable(layer, revision)
+        folder = _past_folder()
+        waiting, seen = [layer], {layer}
+        while waiting:
+            name = waiting.pop()
+            try:
+                used = self._write_past(name, revision, folder / name)
+            except Error as error:
+                if name == layer or error.code == "notConnected":
+                    raise
+                continue  # OpenUSD says what it cannot find
+            new = {os.path.relpath(one, folder).replace(os.sep, "/") for one in used}.intersection(self.layers()) - seen
+            waiting += new
+            seen |= new
+        stage = open_at(str(folder / layer), load, follow_muteness)
+        self._past = [one for one in self._past if one.stage() is not None] + [ReadOnly(stage)]
+        return stage
+
+    def _write_past(self, name: str, revision: int, place: pathlib.Path) -> list[str]:
+        """Writes a layer as it was at a revision to a file, and returns the files that it uses."""
+        content, assets = _layer_of(self._client.content_at(name, revision), place.suffix)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        if not content.Export(str(place)):
+            raise Error("invalidArgument", f"this OpenUSD cannot write a file of the format of {name}")
+        return [os.path.normpath(os.path.join(place.parent, asset.split(_ARGUMENTS)[0])) for asset in assets if asset]
 
     def create_layer(self, layer: str) -> Sdf.Layer:
         """Creates a new, empty layer of the project for all users, and opens it."""
@@ -498,7 +542,7 @@ class PortableLive(Connection):
         """Notes the files that a layer uses, and opens the layers of the project among them."""
         names = set()
         for asset in assets:
-            place = os.path.normpath(os.path.join(os.path.dirname(live.layer.realPath), asset.split(":SDF_FORMAT_ARGS:")[0]))
+            place = os.path.normpath(os.path.join(os.path.dirname(live.layer.realPath), asset.split(_ARGUMENTS)[0]))
             if asset:
                 names.add(os.path.relpath(place, self._folder).replace(os.sep, "/"))
         live.named |= names
@@ -644,6 +688,14 @@ class PortableLive(Connection):
         live.end_sweep()
         live.hints.clear()
         live.permit(self._client.may_write(live.name))
+
+
+def _past_folder() -> pathlib.Path:
+    """A folder for a stage of the past, which may load payloads as long as the process runs."""
+    folder = os.path.realpath(tempfile.mkdtemp(prefix="usdlive-past-"))
+    process = os.getpid()
+    atexit.register(lambda: os.getpid() == process and shutil.rmtree(folder, ignore_errors=True))
+    return pathlib.Path(folder)
 
 
 @functools.cache

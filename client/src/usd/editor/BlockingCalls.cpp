@@ -26,15 +26,6 @@ constexpr double kSlowDiskBytesPerMs = 5'000;
 // The budget for each tick of a blocking call.
 constexpr double kBlockingBudgetMs = 50;
 
-Error noRevisionZero() {
-    return {ErrorCode::InvalidArgument, "there is no revision 0: revisions count from 1"};
-}
-
-Error noRevisionYet(Revision revision, Revision newest) {
-    return {ErrorCode::FutureRevision, "there is no revision " + std::to_string(revision) +
-                                           " yet: the newest is " + std::to_string(newest)};
-}
-
 }  // namespace
 
 Result<void> Client::Impl::greet() {
@@ -220,29 +211,11 @@ bool Client::Impl::step() {
     return heard;
 }
 
-// The commit after a revision can be read if the content at the revision can.
-Result<void> Client::Impl::checkReadable(const LayerId& id, Revision revision) {
-    if (auto known = history_.checkLayer(id); !known) return known;
-    const Revision newest = session_.revision();
-    if (newest == 0)
-        return fail(ErrorCode::FutureRevision,
-                    "the project has no history yet: open a layer of it first");
-    if (revision == 0) return tl::unexpected(noRevisionZero());
-    if (revision == newest) return {};
-    const Revision asked = revision < newest ? revision + 1 : revision;
-    const auto read = history_.readLog(asked, asked);
-    if (read) return {};
-    if (read.error().code == ErrorCode::FutureRevision)
-        return tl::unexpected(noRevisionYet(revision, session_.revision()));
-    if (read.error().code != ErrorCode::HistoryReplaced) return tl::unexpected(read.error());
-    // The error of the server says which revision is the oldest.
-    return history_.readLayer(id, revision).map([](const auto&) {});
-}
-
 Result<std::shared_ptr<client::OpenPast>> Client::Impl::openPast(const LayerId& id,
                                                                  Revision revision) {
     const Revision at = revision > 0 ? revision : session_.revision();
-    if (auto readable = checkReadable(id, at); !readable) return tl::unexpected(readable.error());
+    if (auto readable = history_.checkReadable(id, at); !readable)
+        return tl::unexpected(readable.error());
     auto layers =
         client::PastLayers::create({session_, values_.cache(), filler_}, id,
                                    files_.isStarted() ? line_.connection().web() : std::nullopt);
@@ -256,9 +229,7 @@ Result<std::shared_ptr<client::OpenPast>> Client::Impl::openPast(const LayerId& 
 
 Result<void> Client::Impl::moveTo(const std::shared_ptr<client::OpenPast>& past,
                                   Revision revision) {
-    if (revision == 0) return tl::unexpected(noRevisionZero());
-    if (revision > session_.revision())
-        return tl::unexpected(noRevisionYet(revision, session_.revision()));
+    if (auto exists = history_.checkRevision(revision); !exists) return exists;
     past->layers()->aim(revision);
     return advanceUntilThere(past);
 }
@@ -284,7 +255,7 @@ Result<std::string> Client::Impl::addressAt(const LayerId& id, Revision revision
                     files_.problem()
                         ? files_.problem()->message
                         : "layers of the past are opened by addresses: connect with addresses");
-    if (auto readable = checkReadable(id, revision); !readable)
+    if (auto readable = history_.checkReadable(id, revision); !readable)
         return tl::unexpected(readable.error());
     const std::string prefix = web->project.empty() ? "" : web->project + "/";
     return "usdlive://" + web->hostAndPort() + "/" + client::encodedInAddress(prefix + id.value) +

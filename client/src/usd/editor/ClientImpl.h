@@ -172,7 +172,6 @@ private:
     Result<void> waitForOpen(std::uint64_t request);
     /// Waits until something is received, and ticks. Returns whether something was received.
     bool step();
-    [[nodiscard]] Result<void> checkReadable(const LayerId& id, Revision revision);
     void closePasts();
     Result<void> advanceUntilThere(const std::shared_ptr<client::OpenPast>& past);
     [[nodiscard]] Error notConfirmed(double timeoutMs) const;
