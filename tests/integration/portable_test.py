@@ -436,7 +436,13 @@ def test_checkpoints_and_the_history_are_those_of_the_fast_backend(served, porta
     assert answers == [fast.run(f"result = {one}") for one in asked]
     assert [one["name"] for one in answers[0]] == ["lunch"] and answers[2:4] == [["fast"], ["Describe"]]
     assert "'/World/Ball'" in answers[4][-1] and len(answers[5]) > 20
-    for call, code in (("live.create_checkpoint('lunch')", "checkpointExists"), ("live.blame('root.usda', '/None')", "specNotFound"),
+    shown = ("past = {open}\nresult = {{str(prim.GetPath()): [(one.GetName(), str(one.Get())) for one in prim.GetAttributes()]"
+             " for prim in past.TraverseAll()}}")
+    for at in ("'lunch'", "1", "live.revision"):
+        before = shown.format(open=f"live.open_stage('root.usda', at={at})")
+        assert old.run(before) == fast.run(before) and ("/World/Ball" in old.run(before)) == (at != "live.revision")
+    assert old.run("import asyncio\n" + shown.format(open="asyncio.run(live.open_stage_async('root.usda'))")) == old.run(before)
+    for call, code in (("live.create_checkpoint('lunch')", "checkpointExists"), ("live.open_stage('root.usda', at='none')", "invalidArgument"), ("live.blame('root.usda', '/None')", "specNotFound"),
                        ("list(live.log(layer='none.usda'))", "layerNotFound"), ("live.lock('none.usda')", "layerNotOpen"),
                        ("live.may_edit('root.usda', '/World', 'colour')", "invalidArgument")):
         for one in (old, fast):

@@ -297,9 +297,11 @@ class PortableLive(Connection):
     def _write_past(self, name: str, revision: int, place: pathlib.Path) -> list[str]:
         """Writes a layer as it was at a revision to a file, and returns the files that it uses."""
         content, assets = _layer_of(self._client.content_at(name, revision), place.suffix)
-        place.parent.mkdir(parents=True, exist_ok=True)
-        if not content.Export(str(place)):
-            raise Error("invalidArgument", f"this OpenUSD cannot write a file of the format of {name}")
+        try:
+            place.parent.mkdir(parents=True, exist_ok=True)
+            content.Export(str(place))
+        except (OSError, Tf.ErrorException) as error:
+            raise Error("invalidArgument", f"cannot write the file {place}: {error}") from None
         return [os.path.normpath(os.path.join(place.parent, asset.split(_ARGUMENTS)[0])) for asset in assets if asset]
 
     def create_layer(self, layer: str) -> Sdf.Layer:
