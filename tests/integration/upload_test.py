@@ -32,6 +32,11 @@ def served(project, serve):
     return serve(project)
 
 
+@pytest.fixture(params=["fast", "portable"])
+def backend(request):
+    return request.param
+
+
 @pytest.fixture
 def local(tmp_path):
     """local(content, name) creates a file of this machine."""
@@ -87,7 +92,7 @@ def test_everybody_finds_the_file_and_the_uploader_at_once(served, local, editor
     assert temporary(served.folder) == []
 
 
-def test_names_and_files_that_cannot_be_are_refused(served, local, tmp_path):
+def test_names_and_files_that_cannot_be_are_refused(served, local, tmp_path, backend):
     (tmp_path / "outside").mkdir()
     (served.folder / "out").symlink_to(tmp_path / "outside")
     (served.folder / "layer.png").symlink_to("shot.usda")
@@ -95,7 +100,7 @@ def test_names_and_files_that_cannot_be_are_refused(served, local, tmp_path):
     (served.folder / "dir").mkdir()
     file = local("x")
     before = sorted(str(one) for one in served.folder.rglob("*") if ".usdlive" not in one.parts)
-    with connect(served, "ada") as live:
+    with connect(served, "ada", backend) as live:
         for name in ("", "/a.png", "../a.png", "a/../../b.png", "a//b.png", "tex/", ".usdlive/blobs/x", ".a.png",
                      "tex/.a/b.png", "new.usda", "new.USD", "shot.usda", "a\\b.png", "a:b.png", "a\nb.png",
                      "a\udcff.png", "out/a.png", "layer.png", "file/a.png", "dir", "x" * 2000):
@@ -114,18 +119,18 @@ def test_names_and_files_that_cannot_be_are_refused(served, local, tmp_path):
     assert list((tmp_path / "outside").iterdir()) == []
 
 
-def test_a_file_above_the_limit_is_refused_before_it_is_sent(project, serve, local):
+def test_a_file_above_the_limit_is_refused_before_it_is_sent(project, serve, local, backend):
     (project / "shot.usda").write_text(SHOT)
-    with connect(serve(project, "--max-blob-mib", "1"), "ada") as live:
+    with connect(serve(project, "--max-blob-mib", "1"), "ada", backend) as live:
         found = error(live.upload, local(bytes(MIB + 1)), "big.png")
         assert found.code == "blobTooLarge" and "--max-blob-mib" in found.message
         live.upload(local(bytes(MIB)), "big.png")
 
 
-def test_a_large_file_does_not_delay_frames(served, local):
+def test_a_large_file_does_not_delay_frames(served, local, backend):
     content = noise(64 * MIB)
     happened = []
-    with connect(served, "ada") as live:
+    with connect(served, "ada", backend) as live:
         layer = live.open_layer("shot.usda")
         live.add_handler(happened.append)
         number = live.request_upload(local(content), "big.bin")
@@ -164,9 +169,9 @@ def test_a_file_that_changes_meanwhile_is_not_uploaded(served, local):
     assert [os.path.basename(os.path.dirname(one)) for one in temporary(served.folder)] in ([], ["unfinished"])
 
 
-def test_calls_at_the_wrong_place_are_errors(served, local):
+def test_calls_at_the_wrong_place_are_errors(served, local, backend):
     file = local("x")
-    with connect(served, "ada") as live:
+    with connect(served, "ada", backend) as live:
         found = refused_in_a_notice(lambda: live.upload(file, "a.png"), live, served)
         assert found.code == "invalidArgument" and "tick()" in found.message
         said = []
@@ -215,10 +220,10 @@ def test_a_killed_server_leaves_the_whole_file_or_none(project, tmp_path, local,
         server.kill()
 
 
-def test_a_server_killed_in_the_middle_of_the_transfer(served, local):
+def test_a_server_killed_in_the_middle_of_the_transfer(served, local, backend):
     content = noise(64 * MIB)
     ends = []
-    with connect(served, "ada") as live:
+    with connect(served, "ada", backend) as live:
         live.add_handler(lambda event: ends.append(event) if isinstance(event, (events.Uploaded, events.UploadFailed))
                          else None)
         live.request_upload(local(content), "big.bin")

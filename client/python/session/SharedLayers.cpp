@@ -53,7 +53,8 @@ SharedLayers::SharedLayers(Settings settings, ProcessFolder folder, fs::path cac
       link_(std::make_unique<ServerLink>(std::move(connection))),
       session_(std::make_unique<Session>(optionsFor(settings_, secret), *this, *this)),
       history_(*session_,
-               {[this] { return step(); }, [this] { return link_->notThere(*session_); }}) {
+               {[this] { return step(); }, [this] { return link_->notThere(*session_); }}),
+      uploads_(*session_, *this) {
     events_.setHandler([this](const Event& event) { taken_.push_back(event); });
     static_cast<void>(session_->showPresence({}));
     if (ownFolder_)
@@ -112,6 +113,7 @@ Result<void> SharedLayers::greet() {
 bool SharedLayers::advance(double budgetMs) {
     link_->receive(*session_);
     const bool done = session_->advance(budgetMs, steadyMs());
+    followUploads();
     if (session_->pendingTransactions() == 0 && captured_.empty() &&
         blobs_.kept() > lost_.blobs().size()) {
         auto needed = session_->namedBlobs();
@@ -120,6 +122,35 @@ bool SharedLayers::advance(double budgetMs) {
         blobs_.keepOnly(needed, std::exchange(committed_, {}));
     }
     return !done;
+}
+
+void SharedLayers::followUploads() {
+    uploads_.advance();
+    if (auto progress = uploads_.progress(steadyMs())) events_.push(*progress);
+    for (auto& ended : uploads_.takeEnded()) {
+        if (const auto awaited = awaitedUploads_.find(ended.number);
+            awaited != awaitedUploads_.end())
+            awaited->second = std::move(ended.outcome);
+        else if (ended.outcome)
+            events_.push(event::Uploaded{ended.number, std::move(ended.path)});
+        else
+            events_.push(event::UploadFailed{ended.number, std::move(ended.path),
+                                             std::move(ended.outcome.error())});
+    }
+}
+
+Result<void> SharedLayers::upload(const fs::path& file, const std::string& path, bool overwrite) {
+    const auto number = uploads_.add(file, path, overwrite);
+    auto& outcome = awaitedUploads_[number];
+    Stopwatch silent;
+    for (auto steps = uploads_.steps(); !outcome;) {
+        if (step() || std::exchange(steps, uploads_.steps()) != uploads_.steps())
+            silent = Stopwatch();
+        if (outcome || !uploads_.isTooLong(silent.ms())) continue;
+        uploads_.drop(number);
+        outcome = tl::unexpected(FileUploads::notReported(path));
+    }
+    return *awaitedUploads_.extract(number).mapped();
 }
 
 bool SharedLayers::step() {
@@ -148,6 +179,7 @@ std::optional<UnsentWork> SharedLayers::leave() {
 }
 
 bool SharedLayers::note(Event& event) {
+    if (uploads_.note(event)) return false;
     if (const auto* connected = std::get_if<event::Connected>(&event)) {
         link_->welcomed(connected->welcome);
         unsent_.welcomed(connected->welcome);

@@ -21,6 +21,7 @@
 #include "link/ServerLink.h"
 #include "session/Session.h"
 #include "values/BlobCache.h"
+#include "values/FileUploads.h"
 #include "work/LostWorkReports.h"
 #include "work/UnsentWorkReports.h"
 
@@ -123,6 +124,14 @@ public:
     /// Its calls wait for the server. takeEvents() then has what happened meanwhile.
     [[nodiscard]] SessionHistory& history() { return history_; }
 
+    /// Begins to upload a file of this machine. Ends with an event that has the number.
+    std::uint64_t requestUpload(const std::filesystem::path& file, const std::string& path,
+                                bool overwrite) {
+        return uploads_.add(file, path, overwrite);
+    }
+    /// Does the same, and waits for the end. takeEvents() then has what happened meanwhile.
+    Result<void> upload(const std::filesystem::path& file, const std::string& path, bool overwrite);
+
     [[nodiscard]] UnsentWorkReports& unsent() { return unsent_; }
     Result<SentWork> sendUnsent(const ClientId& work, double timeoutMs) {
         return unsent_.send(work, timeoutMs, lost_);
@@ -141,6 +150,7 @@ public:
     SharedBytes localBlob(const Hash& hash) override { return blobs_.blob(hash); }
     bool holdsBlob(const Hash& hash) override { return blobs_.holds(hash); }
     void blobArrived(const Hash& hash, SharedBytes bytes, bool lasting) override;
+    void blobStored(const Hash& hash) override { uploads_.blobStored(hash); }
     bool needsBlob(const Hash& hash) override { return awaited_.contains(hash); }
     void pending(const PendingWork& work) override { unsent_.pending(work); }
     void answered(std::uint64_t sequence) override { unsent_.answered(sequence); }
@@ -162,6 +172,7 @@ private:
                  std::unique_ptr<Connection> connection, const Hash& secret);
     Result<void> greet();
     /// Waits until something is received, and takes it. Returns whether something was received.
+    void followUploads();
     bool step();
     void collectEvents();
     /// Returns false for events that the editor does not get, or not yet.
@@ -189,6 +200,8 @@ private:
     std::unique_ptr<ServerLink> link_;
     std::unique_ptr<Session> session_;
     SessionHistory history_;
+    FileUploads uploads_;
+    std::map<std::uint64_t, std::optional<Result<void>>> awaitedUploads_;  // by upload()
     std::map<LayerId, Layer> layers_;
     std::vector<AuthoredEdit> captured_;
     std::set<Hash> awaited_;

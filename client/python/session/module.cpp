@@ -6,6 +6,7 @@
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
+#include <filesystem>
 #include <memory>
 #include <optional>
 #include <string>
@@ -206,6 +207,20 @@ public:
         return session(pythonName(type).c_str()).request(std::move(request));
     }
 
+    /// `file`: the path as the system has it.
+    std::uint64_t requestUpload(const nb::bytes& file, const std::string& path, bool overwrite) {
+        return here("request_upload").requestUpload(pathOf(file), path, overwrite);
+    }
+    void upload(const nb::bytes& file, const std::string& path, bool overwrite) {
+        auto& layers = here("upload");
+        const auto from = pathOf(file);
+        const auto done = [&] {
+            const nb::gil_scoped_release release;
+            return layers.upload(from, path, overwrite);
+        }();
+        if (!done) raise(done.error());
+    }
+
     // --- locks and rights
 
     void setLocked(const std::string& name, bool locked) {
@@ -357,6 +372,9 @@ public:
     }
 
 private:
+    static std::filesystem::path pathOf(const nb::bytes& file) {
+        return std::string(file.c_str(), file.size());
+    }
     static SharedLayers::Visit adderTo(nb::list specs) {
         return [specs](const LayerDoc::SpecView& spec, const auto& fields) mutable {
             nb::dict values;
@@ -459,6 +477,8 @@ NB_MODULE(_session, module) {
         .def("other_history", &PythonSession::otherHistory)
         .def("join_other_history", &PythonSession::joinOtherHistory)
         .def("save", &PythonSession::save)
+        .def("upload", &PythonSession::upload)
+        .def("request_upload", &PythonSession::requestUpload)
         .def("request", &PythonSession::request)
         .def("set_locked", &PythonSession::setLocked)
         .def("set_globally_muted", &PythonSession::setGloballyMuted)

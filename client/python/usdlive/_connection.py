@@ -34,6 +34,14 @@ class _Shown(typing.NamedTuple):
     data: str = ""
 
 
+def _file_name(path: str) -> str:
+    try:
+        path.encode()
+    except UnicodeEncodeError:
+        raise Error("invalidFileName", f"the file name {path!a} is not UTF-8") from None
+    return path
+
+
 class Connection(Asynchronous):
     """The part of `Live` and `PortableLive` over the functions that their extensions have under the same names."""
 
@@ -110,6 +118,27 @@ class Connection(Asynchronous):
         """Returns the files in the project's folder that look like layers but are not served, as (path,
         reason); at most 1,000."""
         return list(self.ask("listSkipped", timeout=timeout).files)
+
+    def upload(self, file: "str | os.PathLike[str]", path: str, overwrite: bool = False) -> None:
+        """Uploads a file of this machine that is no layer, such as a texture or a package, and waits until it is a
+        file of the project that everybody can open:
+
+            live.upload("/home/ada/brick.png", "tex/brick.png")
+
+        `path` is its name relative to the project; folders are created as needed. If the project has another file of
+        this name, it is replaced only with `overwrite`; the same content is a success. The server writes the whole
+        file or nothing. Raises an Error: `invalidFileName`; `fileExists`; `notConnected`, also if the connection is
+        lost meanwhile: upload it again, it continues where it was; `invalidArgument` if the file cannot be read, if it changes meanwhile, or
+        inside a notice handler during `tick()`; `blobTooLarge` (`--max-blob-mib` of the server); `saveFailed` and
+        `storageFull` if the server cannot write it.
+        """
+        self._edit("upload", os.fsencode(file), _file_name(path), overwrite)
+
+    def request_upload(self, file: "str | os.PathLike[str]", path: str, overwrite: bool = False) -> int:
+        """Begins an `upload()` and returns at once: ticks send the file, which another thread reads. The answer is
+        an `events.Uploaded` or an `events.UploadFailed` with the number that this returns; `events.Progress` comes
+        meanwhile if it takes long. Uploads are done one after the other."""
+        return self._client.request_upload(os.fsencode(file), _file_name(path), overwrite)
 
     def _unconfirmed(self, timeout: float) -> str:
         why = "" if self.connected else f", and {self.other_history or 'there is no connection to the server'}"
@@ -224,7 +253,7 @@ class Connection(Asynchronous):
 
     @abc.abstractmethod
     def _edit(self, function: str, *arguments: object) -> None:
-        """Calls a function of the client that edits the root of a layer."""
+        """Calls a function of the client that changes the project."""
 
     def globally_muted(self, root: str) -> list[str]:
         """Returns the layers that are muted for everybody on the stages of this root layer, which must be live."""

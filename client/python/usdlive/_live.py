@@ -64,14 +64,6 @@ async def connect_async(url: str, **options: typing.Any) -> "Live":
     return await connecting(lambda: connect(url, **options), lambda live: live.close(timeout=0))
 
 
-def _file_name(path: str) -> str:
-    try:
-        path.encode()
-    except UnicodeEncodeError:
-        raise Error("invalidFileName", f"the file name {path!a} is not UTF-8") from None
-    return path
-
-
 def _held(identifier: str) -> Sdf.Layer:
     """Returns a loaded layer. `Sdf.Layer.Find()` would not keep it alive when it is no longer live, and OpenUSD ends the
     process when it gets such a layer."""
@@ -139,27 +131,6 @@ class Live(Connection):
         handler during `tick()`.
         """
         return _held(self._client.create_layer(layer))
-
-    def upload(self, file: "str | os.PathLike[str]", path: str, overwrite: bool = False) -> None:
-        """Uploads a file of this machine that is no layer, such as a texture or a package, and waits until it is a
-        file of the project that everybody can open:
-
-            live.upload("/home/ada/brick.png", "tex/brick.png")
-
-        `path` is its name relative to the project; folders are created as needed. If the project has another file of
-        this name, it is replaced only with `overwrite`; the same content is a success. The server writes the whole
-        file or nothing. Raises an Error: `invalidFileName`; `fileExists`; `notConnected`, also if the connection is
-        lost meanwhile: upload it again, it continues where it was; `invalidArgument` if the file cannot be read, if it changes meanwhile, or
-        inside a notice handler during `tick()`; `blobTooLarge` (`--max-blob-mib` of the server); `saveFailed` and
-        `storageFull` if the server cannot write it.
-        """
-        self._client.upload(os.fsencode(file), _file_name(path), overwrite)
-
-    def request_upload(self, file: "str | os.PathLike[str]", path: str, overwrite: bool = False) -> int:
-        """Begins an `upload()` and returns at once: ticks send the file, which another thread reads. The answer is
-        an `events.Uploaded` or an `events.UploadFailed` with the number that this returns; `events.Progress` comes
-        meanwhile if it takes long. Uploads are done one after the other."""
-        return self._client.request_upload(os.fsencode(file), _file_name(path), overwrite)
 
     def open_stage(self, layer: str, load: "Usd.Stage.InitialLoadSet" = Usd.Stage.LoadAll,
                    follow_muteness: bool = True, *, at: int | str | None = None) -> Usd.Stage:

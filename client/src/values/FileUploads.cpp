@@ -29,6 +29,10 @@ constexpr std::size_t kPartsAhead = 16;
 // The server may drop a value before the upload names it.
 constexpr int kMostTransfers = 3;
 constexpr std::int64_t kUploadReportMs = 500;
+// A call that waits fails if the server says nothing for this time, and its disk is slower than
+// this.
+constexpr double kSilentUploadMs = 60'000;
+constexpr double kSlowDiskBytesPerMs = 5'000;
 constexpr std::size_t kMostInterrupted = 1'000;
 
 Error cannotUpload(const fs::path& from, ErrorCode code, const std::string& why) {
@@ -218,6 +222,16 @@ std::uint64_t FileUploads::steps() const {
     return steps_ + (source_ ? source_->hashed.load() / kHashedAtOnce : 0);
 }
 
+bool FileUploads::isTooLong(double silentMs) const {
+    return silentMs > kSilentUploadMs + double(beingWritten()) / kSlowDiskBytesPerMs;
+}
+
+Error FileUploads::notReported(const std::string& path) {
+    return {ErrorCode::NotConnected, "the server did not report in time whether " + path +
+                                         " was written; upload it again to find out"};
+}
+
+// The size of the file that the server is writing at this moment; 0: none.
 std::uint64_t FileUploads::beingWritten() const {
     if (!source_ || stage_ == Stage::Hash) return 0;
     return (*source_->content())->size;

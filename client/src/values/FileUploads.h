@@ -53,8 +53,11 @@ public:
     [[nodiscard]] std::optional<event::Progress> progress(std::int64_t nowMs);
     /// Returns a counter that grows with the progress of uploads.
     [[nodiscard]] std::uint64_t steps() const;
-    /// Returns the size of the file that the server is writing at this moment; 0: none.
-    [[nodiscard]] std::uint64_t beingWritten() const;
+    /// Returns whether a call that waits for an upload has to give up, because nothing was received
+    /// and steps() was the same for so long. The server writes a large file without a word.
+    [[nodiscard]] bool isTooLong(double silentMs) const;
+    /// Returns the error of such a call.
+    [[nodiscard]] static Error notReported(const std::string& path);
 
 private:
     class Source;
@@ -67,6 +70,7 @@ private:
     /// The event that the present upload waits for.
     enum class Stage { Hash, Answer, Parts, Stored };
 
+    [[nodiscard]] std::uint64_t beingWritten() const;
     void begin();
     bool advanceStage();
     void ask();

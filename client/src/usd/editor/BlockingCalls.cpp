@@ -21,8 +21,6 @@ namespace {
 constexpr double kRefusedMs = 1000;
 // A call fails if a connected server sends nothing for this time.
 constexpr double kSilenceMs = 60'000;
-// upload() fails if the disk of the server is slower than this.
-constexpr double kSlowDiskBytesPerMs = 5'000;
 // The budget for each tick of a blocking call.
 constexpr double kBlockingBudgetMs = 50;
 
@@ -95,13 +93,9 @@ Result<void> Client::Impl::upload(const fs::path& file, const std::string& path,
         const bool hasArrived = line_.connection().wait(milliseconds(1));
         if (hasArrived || std::exchange(steps, uploads_.steps()) != uploads_.steps())
             silent = Stopwatch();
-        // The server writes a large file without a word.
-        if (silent.ms() <= kSilenceMs + double(uploads_.beingWritten()) / kSlowDiskBytesPerMs)
-            continue;
+        if (!uploads_.isTooLong(silent.ms())) continue;
         uploads_.drop(number);
-        outcome =
-            fail(ErrorCode::NotConnected, "the server did not report in time whether " + path +
-                                              " was written; upload it again to find out");
+        outcome = tl::unexpected(client::FileUploads::notReported(path));
     }
     return *awaitedUploads_.extract(number).mapped();
 }
