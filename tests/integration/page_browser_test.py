@@ -921,7 +921,14 @@ def test_a_phone_shows_the_stage_and_the_overview(studio, gateways, screens):
     screen.tab.click("text=Overview")
     screen.sees("layout.usda")
     screen.shot("phone-overview")
-    assert screen.run("document.documentElement.scrollWidth") == 390, "nothing is wider than the screen"
+    run("session", "create", studio.url, "dusk")
+    for view, text in (("History", "root.usda"), ("Sessions", "dusk")):
+        screen.tab.click(f".phone-bar >> text={view}")
+        screen.sees(text)
+        screen.shot(f"phone-{view.lower()}")
+        assert screen.run("document.documentElement.scrollWidth") == 390, "nothing is wider than the screen"
+    screen.tab.click(".phone-bar >> text=Stage")
+    assert is_red(screen.color("/World/Box"))
 
 
 def test_a_browser_without_webgl_has_all_but_the_picture(studio, gateways, tools):

@@ -3,9 +3,9 @@ import { useSignal } from "@preact/signals";
 import type { JSX } from "preact";
 import { useEffect } from "preact/hooks";
 import { AdminPanel } from "./admin";
-import { type Page, PageContext, type Tab, usePage } from "./context";
+import { type Page, PageContext, type PhoneView, type Tab, usePage } from "./context";
 import { HistoryPanel } from "./history";
-import { Icon } from "./icons";
+import { Icon, type IconName } from "./icons";
 import { Avatar, HealthPanel, LayersPanel, LineBanner, LineState, PeoplePanel } from "./overview";
 import { PropertiesPanel } from "./properties";
 import { SessionsPanel } from "./sessions";
@@ -46,10 +46,16 @@ export function App({ page }: { page: Page }): JSX.Element {
           <TimeBar />
         </main>
         {isPhone.value ? (
-          <div class="phone-overview">
-            <HealthPanel />
-            <PeoplePanel />
-            <LayersPanel />
+          <div class="phone-panel">
+            {page.phoneView.value === "overview" && (
+              <>
+                <HealthPanel />
+                <PeoplePanel />
+                <LayersPanel />
+              </>
+            )}
+            {page.phoneView.value === "history" && <HistoryPanel />}
+            {page.phoneView.value === "sessions" && <SessionsPanel />}
           </div>
         ) : (
           <RightSide />
@@ -179,11 +185,18 @@ function RightSide(): JSX.Element {
   );
 }
 
+const PHONE_VIEWS: [PhoneView, IconName, string][] = [
+  ["viewport", "mesh", "Stage"],
+  ["overview", "people", "Overview"],
+  ["history", "history", "History"],
+  ["sessions", "live", "Sessions"],
+];
+
 function PhoneBar(): JSX.Element {
   const page = usePage();
   return (
     <nav class="phone-bar" aria-label="Views">
-      {(["viewport", "overview"] as const).map((view) => (
+      {PHONE_VIEWS.map(([view, icon, name]) => (
         <button
           type="button"
           key={view}
@@ -192,7 +205,7 @@ function PhoneBar(): JSX.Element {
             page.phoneView.value = view;
           }}
         >
-          <Icon name={view === "viewport" ? "mesh" : "people"} /> {view === "viewport" ? "Stage" : "Overview"}
+          <Icon name={icon} /> {name}
         </button>
       ))}
     </nav>

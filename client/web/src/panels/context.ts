@@ -9,7 +9,7 @@ import type { Viewport } from "../view/viewport";
 
 export type Theme = "light" | "dark";
 export type Tab = "properties" | "history" | "sessions" | "people" | "admin";
-export type PhoneView = "viewport" | "overview";
+export type PhoneView = "viewport" | "overview" | "history" | "sessions";
 
 export class Page {
   readonly tab = signal<Tab>("properties");
