@@ -621,10 +621,12 @@ def test_programs_create_merge_and_end_sessions(project, serve):
     with connect(server, "ada") as ada:
         layer = ada.open_layer("root.usda")
         layer.GetAttributeAtPath("/World.number").default = 1
-        assert ada.flush(20)
-        first = ada.revision
+        first = ada.create_checkpoint("lunch").revision
         layer.GetAttributeAtPath("/World.number").default = 3
         assert ada.flush(20)
+        assert sessions.create("dawn", checkpoint="lunch").revision == first
+        sessions.end("dawn")
+        sessions.delete("dawn")
         made = sessions.create("dusk", revision=first)
         assert (made.name, made.creator, made.revision, made.ended, made.merged) == ("dusk", "bo", first, False, 0)
         assert sessions.list() == [made]
@@ -671,6 +673,11 @@ def test_programs_get_errors_that_help(project, serve):
         assert error.value.code == "invalidArgument"
     with pytest.raises(usdlive.Error, match="there is no revision 99"):
         sessions.create("dusk", revision=99)
+    with pytest.raises(usdlive.Error, match='no checkpoint "lunch"') as error:
+        sessions.create("dusk", checkpoint="lunch")
+    assert error.value.code == "invalidArgument"
+    with pytest.raises(ValueError, match="not with both"):
+        sessions.create("dusk", revision=1, checkpoint="lunch")
     with pytest.raises(usdlive.Error, match="over HTTP"):
         usdlive.sessions("dds://project").list()
     with pytest.raises(usdlive.Error) as wrong:

@@ -60,6 +60,10 @@ public:
     [[nodiscard]] nb::dict create(const std::string& name, Revision from) const {
         return dictionaryOf([&] { return sessions_.create(name, from); });
     }
+    [[nodiscard]] nb::dict createFrom(const std::string& name,
+                                      const std::string& checkpoint) const {
+        return dictionaryOf([&] { return sessions_.createFrom(name, checkpoint); });
+    }
     [[nodiscard]] nb::dict end(const std::string& name) const {
         return dictionaryOf([&] { return sessions_.end(name); });
     }
@@ -91,6 +95,7 @@ void bindSessions(nb::module_& module) {
         .def(nb::init<const std::string&, const std::string&, const std::string&>())
         .def("list", &PythonSessions::list)
         .def("create", &PythonSessions::create)
+        .def("create_from", &PythonSessions::createFrom)
         .def("end", &PythonSessions::end)
         .def("restore", &PythonSessions::restore)
         .def("delete", &PythonSessions::remove)

@@ -104,9 +104,12 @@ class Sessions:
         """All live sessions, by name."""
         return [LiveSession(**one) for one in self._sessions.list()]
 
-    def create(self, name: str, *, revision: int = 0) -> LiveSession:
-        """Creates a session from a revision of the main line; 0: from the newest."""
-        return LiveSession(**self._sessions.create(name, revision))
+    def create(self, name: str, *, revision: int = 0, checkpoint: str = "") -> LiveSession:
+        """Creates a session from a revision or a checkpoint of the main line; without both, from the newest revision."""
+        if revision and checkpoint:
+            raise ValueError("a session begins with a revision or with a checkpoint, not with both")
+        made = self._sessions.create_from(name, checkpoint) if checkpoint else self._sessions.create(name, revision)
+        return LiveSession(**made)
 
     def end(self, name: str) -> LiveSession:
         """Disconnects everybody. The history is kept."""

@@ -3,10 +3,17 @@
 
 #include <utility>
 
+#include "lines/LineLink.h"
 #include "lines/SessionMerge.h"
 #include "link/Destination.h"
 
 namespace usdlive::client {
+
+namespace {
+
+constexpr double kCheckpointConnectMs = 10'000;
+
+}  // namespace
 
 struct ProjectSessions::Place {
     ServerAddress server;
@@ -24,6 +31,16 @@ struct ProjectSessions::Place {
                                              Revision revision = 0) const {
         return changeLiveSession(server, name, verb, user, kSessionRequestTime, revision)
             .map([&](const ListedLiveSession& one) { return info(one); });
+    }
+    [[nodiscard]] Result<Revision> revisionOf(const std::string& checkpoint) const {
+        const auto link = LineLink::connect(server, user, kCheckpointConnectMs);
+        if (!link) return tl::unexpected(link.error());
+        const auto all = (*link)->ask(ListCheckpoints{});
+        if (!all) return tl::unexpected(all.error());
+        for (const Checkpoint& one : all->checkpoints)
+            if (one.name == checkpoint) return one.revision;
+        return fail(ErrorCode::InvalidArgument,
+                    "the project has no checkpoint \"" + checkpoint + "\"");
     }
     [[nodiscard]] Result<SessionMerged> merge(SessionMerge::Target target, const std::string& name,
                                               const SessionMergeOptions& options) const {
@@ -57,6 +74,13 @@ Result<std::vector<SessionInfo>> ProjectSessions::list() const {
 
 Result<SessionInfo> ProjectSessions::create(const std::string& name, Revision from) const {
     return place_->change(name, "create", from);
+}
+
+Result<SessionInfo> ProjectSessions::createFrom(const std::string& name,
+                                                const std::string& checkpoint) const {
+    const auto revision = place_->revisionOf(checkpoint);
+    if (!revision) return tl::unexpected(revision.error());
+    return create(name, *revision);
 }
 
 Result<SessionInfo> ProjectSessions::end(const std::string& name) const {

@@ -102,6 +102,10 @@ public:
     [[nodiscard]] Result<std::vector<SessionInfo>> list() const;
     /// Creates one from a revision of the main line; 0: from the newest.
     [[nodiscard]] Result<SessionInfo> create(const std::string& name, Revision from = 0) const;
+    /// Creates one from a checkpoint of the main line. Error: InvalidArgument also if there is
+    /// none.
+    [[nodiscard]] Result<SessionInfo> createFrom(const std::string& name,
+                                                 const std::string& checkpoint) const;
     /// Disconnects everybody, and keeps the history.
     [[nodiscard]] Result<SessionInfo> end(const std::string& name) const;
     [[nodiscard]] Result<SessionInfo> restore(const std::string& name) const;
