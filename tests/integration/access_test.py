@@ -406,9 +406,8 @@ def test_who_may_read_a_project_may_read_its_past_and_nobody_else(studio, projec
         stage.GetPrimAtPath("/World").SetMetadata("comment", str(number))
         assert bob.flush()
     bob.close()
-    ann = studio.join("ann", "viewer")
+    ann = studio.join("ann", "viewer", stays=True)  # layers are fetched with the token of the user of this process
     newest = ann.revision
-    studio.be("ann")  # layers are fetched with the token of the user of this process
     past, player = ann.open_stage("root.usda", at=newest - 1), ann.player("root.usda")
     player.seek(newest - 1)
     for one in (past, player.stage):

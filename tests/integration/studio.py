@@ -68,12 +68,14 @@ class Studio:
     def be(self, name: str) -> None:
         self.monkeypatch.setenv("XDG_CONFIG_HOME", self.home(name))
 
-    def join(self, name: str, role: str, backend: str | None = None):
-        """Adds a user, who joins, and returns their connection."""
+    def join(self, name: str, role: str, backend: str | None = None, stays: bool = False):
+        """Adds a user, who joins, and returns their connection. `stays`: the process is theirs from then on. Without it, what
+        is fetched by threads of the connection may be refused, because the process has the token of nobody."""
         invitation = invited("add", name, "--role", role, self.folder)
         self.be(name)
         self.joined.append(usdlive.connect(invitation, backend=backend))
-        self.be("nobody")
+        if not stays:
+            self.be("nobody")
         return self.joined[-1]
 
     def token(self, name: str) -> str:
