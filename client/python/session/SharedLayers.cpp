@@ -27,8 +27,6 @@ constexpr const char* kSharedCachePrefix = "usdlive-cache-";
 // The budget of a step while a call waits for the server, and its longest wait.
 constexpr double kStepBudgetMs = 50, kStepMs = 5;
 constexpr double kUnreachableMs = 1000;
-// A call fails if a connected server sends nothing for this time.
-constexpr double kSilentMs = 60'000;
 
 Session::Options optionsFor(const SharedLayers::Settings& settings, const Hash& secret) {
     Session::Options options;
@@ -127,30 +125,17 @@ bool SharedLayers::advance(double budgetMs) {
 void SharedLayers::followUploads() {
     uploads_.advance();
     if (auto progress = uploads_.progress(steadyMs())) events_.push(*progress);
-    for (auto& ended : uploads_.takeEnded()) {
-        if (const auto awaited = awaitedUploads_.find(ended.number);
-            awaited != awaitedUploads_.end())
-            awaited->second = std::move(ended.outcome);
-        else if (ended.outcome)
-            events_.push(event::Uploaded{ended.number, std::move(ended.path)});
-        else
-            events_.push(event::UploadFailed{ended.number, std::move(ended.path),
-                                             std::move(ended.outcome.error())});
-    }
+    for (auto& ended : uploads_.takeEnded())
+        if (auto event = uploads_.report(std::move(ended))) events_.push(*std::move(event));
 }
 
 Result<void> SharedLayers::upload(const fs::path& file, const std::string& path, bool overwrite) {
     const auto number = uploads_.add(file, path, overwrite);
-    auto& outcome = awaitedUploads_[number];
-    Stopwatch silent;
-    for (auto steps = uploads_.steps(); !outcome;) {
-        if (step() || std::exchange(steps, uploads_.steps()) != uploads_.steps())
-            silent = Stopwatch();
-        if (outcome || !uploads_.isTooLong(silent.ms())) continue;
-        uploads_.drop(number);
-        outcome = tl::unexpected(FileUploads::notReported(path));
-    }
-    return *awaitedUploads_.extract(number).mapped();
+    return uploads_.finish(number, path, [this] {
+        advance(kStepBudgetMs);
+        collectEvents();
+        return wait(1);
+    });
 }
 
 bool SharedLayers::step() {
@@ -393,22 +378,17 @@ Result<LayerDoc> SharedLayers::past(const LayerId& layer, Revision revision) {
     auto content = history_.readLayer(layer, revision);
     if (!content) return tl::unexpected(content.error());
     std::set<Hash> missing;
-    const auto note = [&](const Value& blob) {
+    forEachBlob(content->doc, [&](const Value& blob) {
         if (!blobs_.holds(blob.hash())) missing.insert(blob.hash());
-    };
-    content->doc.visit([&](const LayerDoc::SpecView& spec) {
-        for (const auto& [name, value] : *spec.fields) forEachBlob(value, note);
     });
     for (const Hash& hash : missing)
         if (awaited_.insert(hash).second) session_->requestBlob(hash);
     const auto isAwaited = [this](const Hash& hash) { return awaited_.contains(hash); };
-    Stopwatch silent;
-    while (std::ranges::any_of(missing, isAwaited)) {
-        if (!session_->isConnected()) return tl::unexpected(link_->notThere(*session_));
-        if (step()) silent = Stopwatch();
-        if (silent.ms() > kSilentMs)
-            return fail(ErrorCode::NotConnected, "the server no longer answers");
-    }
+    const auto isOver = [&] {
+        return !session_->isConnected() || std::ranges::none_of(missing, isAwaited);
+    };
+    if (auto waited = history_.waitUntil(isOver); !waited) return tl::unexpected(waited.error());
+    if (std::ranges::any_of(missing, isAwaited)) return tl::unexpected(link_->notThere(*session_));
     const auto isHere = [this](const Hash& hash) { return blobs_.holds(hash); };
     if (!std::ranges::all_of(missing, isHere))
         return fail(ErrorCode::BlobNotFound, "the server does not have a big value of " +

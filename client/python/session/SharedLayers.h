@@ -171,8 +171,8 @@ private:
     SharedLayers(Settings settings, ProcessFolder folder, std::filesystem::path cache,
                  std::unique_ptr<Connection> connection, const Hash& secret);
     Result<void> greet();
-    /// Waits until something is received, and takes it. Returns whether something was received.
     void followUploads();
+    /// Waits until something is received, and takes it. Returns whether something was received.
     bool step();
     void collectEvents();
     /// Returns false for events that the editor does not get, or not yet.
@@ -201,7 +201,6 @@ private:
     std::unique_ptr<Session> session_;
     SessionHistory history_;
     FileUploads uploads_;
-    std::map<std::uint64_t, std::optional<Result<void>>> awaitedUploads_;  // by upload()
     std::map<LayerId, Layer> layers_;
     std::vector<AuthoredEdit> captured_;
     std::set<Hash> awaited_;

@@ -80,11 +80,15 @@ class Asynchronous(abc.ABC):
                     raise Error("notConnected", f"{layer} was not opened: this connection was closed meanwhile")
         finally:
             self._answered.remove(note)
-        if isinstance(ends[0], events.LayerOpenFailed):
-            raise Error(ends[0].code, ends[0].message)
-        opened = self.opened_layer(layer)
+        return self._opened_by(ends[0])
+
+    def _opened_by(self, end: "events.LayerOpened | events.LayerOpenFailed") -> Sdf.Layer:
+        """Returns the layer whose opening has ended in this way, or raises the error."""
+        if isinstance(end, events.LayerOpenFailed):
+            raise Error(end.code, end.message)
+        opened = self.opened_layer(end.layer)
         if opened is None:
-            raise Error("layerNotOpen", f"{layer} was closed by an event handler")
+            raise Error("layerNotOpen", f"{end.layer} was closed by an event handler")
         return opened
 
     async def open_stage_async(self, layer: str, load: "Usd.Stage.InitialLoadSet" = Usd.Stage.LoadAll,

@@ -65,18 +65,17 @@ Result<void> SessionHistory::checkReadable(const LayerId& layer, Revision revisi
     return readLayer(layer, revision).map([](const auto&) {});
 }
 
-// `answer` belongs to the session, too, which may set it after this has given up.
-template <class Answer>
-Result<void> SessionHistory::waitFor(const std::optional<Answer>& answer) const {
+Result<void> SessionHistory::waitUntil(const std::function<bool()>& done) const {
     Stopwatch silent;
-    while (!answer) {
+    while (!done()) {
         if (editor_.step()) silent = Stopwatch();
-        if (!answer && silent.ms() > kSilentHistoryMs)
+        if (silent.ms() > kSilentHistoryMs && !done())
             return fail(ErrorCode::NotConnected, "the server no longer answers");
     }
     return {};
 }
 
+// The session may set the answer after this has given up.
 Result<std::vector<Commit>> SessionHistory::readLog(Revision from, Revision to) {
     struct Reading {
         std::vector<Commit> commits;
@@ -86,7 +85,8 @@ Result<std::vector<Commit>> SessionHistory::readLog(Revision from, Revision to) 
     session_.requestLog(
         from, to, [reading](const Commit& commit) { reading->commits.push_back(commit); },
         [reading](Result<void> end) { reading->end = std::move(end); });
-    if (auto waited = waitFor(reading->end); !waited) return tl::unexpected(waited.error());
+    if (auto waited = waitUntil([&] { return reading->end.has_value(); }); !waited)
+        return tl::unexpected(waited.error());
     if (!*reading->end) return tl::unexpected(reading->end->error());
     return std::move(reading->commits);
 }
@@ -102,7 +102,8 @@ Result<HistoryReader::Content> SessionHistory::readLayer(const LayerId& layer, R
                       else
                           *answer = tl::unexpected(doc.error());
                   });
-    if (auto waited = waitFor(*answer); !waited) return tl::unexpected(waited.error());
+    if (auto waited = waitUntil([&] { return answer->has_value(); }); !waited)
+        return tl::unexpected(waited.error());
     return std::move(**answer);
 }
 

@@ -45,10 +45,11 @@ public:
     [[nodiscard]] Result<std::vector<Commit>> readLog(Revision from, Revision to) override;
     [[nodiscard]] Result<Content> readLayer(const LayerId& layer, Revision revision) override;
 
-private:
-    template <class Answer>
-    [[nodiscard]] Result<void> waitFor(const std::optional<Answer>& answer) const;
+    /// Works on what is received until `done` returns true. Error: NotConnected, if nothing is
+    /// received for a minute.
+    [[nodiscard]] Result<void> waitUntil(const std::function<bool()>& done) const;
 
+private:
     Session& session_;
     const Editor editor_;
 };

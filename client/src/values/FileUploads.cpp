@@ -11,6 +11,7 @@
 #include <mutex>
 #include <utility>
 
+#include "basics/Clocks.h"
 #include "usdlive/common/core/Descriptor.h"
 #include "usdlive/common/core/FilePath.h"
 #include "usdlive/common/core/Sha256.h"
@@ -211,6 +212,7 @@ std::uint64_t FileUploads::add(fs::path from, std::string path, bool overwrite) 
     return last_;
 }
 
+// Ends an upload without an outcome.
 void FileUploads::drop(std::uint64_t number) {
     if (source_ && uploads_.front().number == number) leave();
     std::erase_if(uploads_, [&](const Upload& upload) { return upload.number == number; });
@@ -218,17 +220,35 @@ void FileUploads::drop(std::uint64_t number) {
 
 std::vector<FileUploads::Ended> FileUploads::takeEnded() { return std::exchange(ended_, {}); }
 
+// A counter that grows with the progress of uploads.
 std::uint64_t FileUploads::steps() const {
     return steps_ + (source_ ? source_->hashed.load() / kHashedAtOnce : 0);
 }
 
-bool FileUploads::isTooLong(double silentMs) const {
-    return silentMs > kSilentUploadMs + double(beingWritten()) / kSlowDiskBytesPerMs;
+Result<void> FileUploads::finish(std::uint64_t number, const std::string& path,
+                                 const std::function<bool()>& step) {
+    auto& outcome = awaited_[number];
+    Stopwatch silent;
+    for (auto seen = steps(); !outcome;) {
+        if (step() || std::exchange(seen, steps()) != steps()) silent = Stopwatch();
+        const double most = kSilentUploadMs + double(beingWritten()) / kSlowDiskBytesPerMs;
+        if (outcome || silent.ms() <= most) continue;
+        drop(number);
+        outcome =
+            fail(ErrorCode::NotConnected, "the server did not report in time whether " + path +
+                                              " was written; upload it again to find out");
+    }
+    return *awaited_.extract(number).mapped();
 }
 
-Error FileUploads::notReported(const std::string& path) {
-    return {ErrorCode::NotConnected, "the server did not report in time whether " + path +
-                                         " was written; upload it again to find out"};
+std::optional<Event> FileUploads::report(Ended ended) {
+    if (const auto awaited = awaited_.find(ended.number); awaited != awaited_.end()) {
+        awaited->second = std::move(ended.outcome);
+        return std::nullopt;
+    }
+    if (ended.outcome) return event::Uploaded{ended.number, std::move(ended.path)};
+    return event::UploadFailed{ended.number, std::move(ended.path),
+                               std::move(ended.outcome.error())};
 }
 
 // The size of the file that the server is writing at this moment; 0: none.

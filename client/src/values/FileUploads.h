@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <deque>
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <memory>
 #include <optional>
@@ -33,8 +34,11 @@ public:
 
     /// Adds an upload of the file `from`, which becomes `path` in the project. Returns its number.
     std::uint64_t add(std::filesystem::path from, std::string path, bool overwrite);
-    /// Ends an upload without an outcome.
-    void drop(std::uint64_t number);
+    /// Waits for the end of an upload to `path`. `step` works on what was received, waits a moment,
+    /// and returns whether something was received. Gives up if nothing happens for too long; the
+    /// server writes a large file without a word.
+    [[nodiscard]] Result<void> finish(std::uint64_t number, const std::string& path,
+                                      const std::function<bool()>& step);
 
     /// Continues with what is ready. Does not wait.
     void advance();
@@ -49,15 +53,10 @@ public:
         Result<void> outcome;
     };
     [[nodiscard]] std::vector<Ended> takeEnded();
+    /// Gives an end to the finish() that waits for it; otherwise returns the event.
+    [[nodiscard]] std::optional<Event> report(Ended ended);
     /// Returns the progress of the present upload every 500 ms, first when it has taken so long.
     [[nodiscard]] std::optional<event::Progress> progress(std::int64_t nowMs);
-    /// Returns a counter that grows with the progress of uploads.
-    [[nodiscard]] std::uint64_t steps() const;
-    /// Returns whether a call that waits for an upload has to give up, because nothing was received
-    /// and steps() was the same for so long. The server writes a large file without a word.
-    [[nodiscard]] bool isTooLong(double silentMs) const;
-    /// Returns the error of such a call.
-    [[nodiscard]] static Error notReported(const std::string& path);
 
 private:
     class Source;
@@ -70,7 +69,9 @@ private:
     /// The event that the present upload waits for.
     enum class Stage { Hash, Answer, Parts, Stored };
 
+    [[nodiscard]] std::uint64_t steps() const;
     [[nodiscard]] std::uint64_t beingWritten() const;
+    void drop(std::uint64_t number);
     void begin();
     bool advanceStage();
     void ask();
@@ -95,6 +96,7 @@ private:
     std::map<Hash, std::uint64_t> interrupted_;  // by content: the offset at which it continues
     std::set<Hash> transferred_;                 // errors about parts of them are expected here
     std::vector<Ended> ended_;
+    std::map<std::uint64_t, std::optional<Result<void>>> awaited_;  // by finish()
     std::optional<std::int64_t> reportedMs_;
     std::uint64_t steps_ = 0;
     // Starts above the numbers of other requests, so that all numbers are distinct.

@@ -228,12 +228,7 @@ class PortableLive(Connection):
             self._opening.pop(request, None)
             self._forget(layer)
             raise
-        if isinstance(ends[0], events.LayerOpenFailed):
-            raise Error(ends[0].code, ends[0].message)
-        opened = self.opened_layer(layer)
-        if opened is None:
-            raise Error("layerNotOpen", f"{layer} was closed by an event handler")
-        return opened
+        return self._opened_by(ends[0])
 
     def request_open_layer(self, layer: str, payloads: bool = True) -> int:
         """Begins to open a layer and returns at once; ticks do the work, also while there is no connection. The answer is an
@@ -278,7 +273,7 @@ class PortableLive(Connection):
         revision = self._revision_at(at)
         self._client.check_readable(layer, revision)
         folder = _past_folder()
-        waiting, seen = [layer], {layer}
+        waiting, others = [layer], set(self.layers()) - {layer}
         while waiting:
             name = waiting.pop()
             try:
@@ -287,9 +282,9 @@ class PortableLive(Connection):
                 if name == layer or error.code == "notConnected":
                     raise
                 continue  # OpenUSD says what it cannot find
-            new = {os.path.relpath(one, folder).replace(os.sep, "/") for one in used}.intersection(self.layers()) - seen
+            new = others.intersection(os.path.relpath(one, folder).replace(os.sep, "/") for one in used)
             waiting += new
-            seen |= new
+            others -= new
         stage = open_at(str(folder / layer), load, follow_muteness)
         self._past = [one for one in self._past if one.stage() is not None] + [ReadOnly(stage)]
         return stage

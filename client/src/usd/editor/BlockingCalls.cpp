@@ -84,20 +84,10 @@ Result<pxr::SdfLayerRefPtr> Client::Impl::createLayer(const LayerId& id) {
 
 Result<void> Client::Impl::upload(const fs::path& file, const std::string& path, bool overwrite) {
     const auto number = uploads_.add(file, path, overwrite);
-    auto& outcome = awaitedUploads_[number];
-    Stopwatch silent;
-    auto steps = uploads_.steps();
-    while (!outcome) {
+    return uploads_.finish(number, path, [this] {
         tick(kBlockingBudgetMs);
-        if (outcome) break;
-        const bool hasArrived = line_.connection().wait(milliseconds(1));
-        if (hasArrived || std::exchange(steps, uploads_.steps()) != uploads_.steps())
-            silent = Stopwatch();
-        if (!uploads_.isTooLong(silent.ms())) continue;
-        uploads_.drop(number);
-        outcome = tl::unexpected(client::FileUploads::notReported(path));
-    }
-    return *awaitedUploads_.extract(number).mapped();
+        return line_.connection().wait(milliseconds(1));
+    });
 }
 
 Result<std::vector<LayerId>> Client::Impl::attach(const fs::path& projectFolder) {

@@ -231,14 +231,7 @@ void Client::Impl::followUploads() {
     std::erase_if(uploaded_, [this](auto& one) {
         auto& [ended, list] = one;
         if (list != 0 && !files_.isReported(list)) return false;
-        if (const auto awaited = awaitedUploads_.find(ended.number);
-            awaited != awaitedUploads_.end())
-            awaited->second = std::move(ended.outcome);
-        else if (ended.outcome)
-            events_.push(event::Uploaded{ended.number, std::move(ended.path)});
-        else
-            events_.push(event::UploadFailed{ended.number, std::move(ended.path),
-                                             std::move(ended.outcome.error())});
+        if (auto event = uploads_.report(std::move(ended))) events_.push(*std::move(event));
         return true;
     });
 }

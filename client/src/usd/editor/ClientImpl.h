@@ -202,7 +202,6 @@ private:
     client::FileUploads uploads_;
     /// Uploads that ended, and for which the list of files is awaited, with its number.
     std::vector<std::pair<client::FileUploads::Ended, std::uint64_t>> uploaded_;
-    std::map<std::uint64_t, std::optional<Result<void>>> awaitedUploads_;  // by blocking calls
     client::AwaitedAnswers answers_;
     std::vector<client::event::Joined> joined_;  // events for layers that are not filled yet
     bool ticking_ = false;
