@@ -343,10 +343,15 @@ class PortableLive(Connection):
         return more or any(live.sweep is not None for live in self._layers.values())
 
     def _take_events(self) -> None:
-        for one in self._client.take_events():
-            event = events._from_dictionary(one)
+        new = [events._from_dictionary(one) for one in self._client.take_events()]
+        for event in new:
             self._note(event)
             self._happened.append(event)
+        # Once, however many events say so: each may concern every layer.
+        if any(isinstance(event, (events.Connected, events.RightsChanged, events.LayerStatesChanged)) for event in new):
+            for live in self._layers.values():
+                if live.filled:
+                    live.permit(self._client.may_write(live.name))
 
     def _notify(self) -> None:
         """Calls the handlers. An exception of one loses no events: the next tick goes on."""
@@ -602,10 +607,6 @@ class PortableLive(Connection):
             self._make_places(event.added)
             for live in list(self._layers.values()):
                 self._open_used(live.named.intersection(event.added))
-        if isinstance(event, (events.Connected, events.RightsChanged, events.LayerStatesChanged)):
-            for live in self._layers.values():
-                if live.filled:
-                    live.permit(self._client.may_write(live.name))
 
     # -- what the editor wrote
 
